@@ -241,8 +241,7 @@ impl AuditLog {
     /// new file is created first, so that nothing is renamed on a full disk. A repetition after a failure overwrites no
     /// file but the oldest.
     fn rotate(&mut self) -> io::Result<()> {
-        // The folder may have been removed.
-        fs::create_dir_all(&self.dir)?;
+        restore_folder(&self.dir, &self.file)?;
         let next = self.dir.join(NEXT);
         let file = OpenOptions::new().append(true).create(true).open(&next)?;
         let current = log_file(&self.dir);
@@ -273,14 +272,26 @@ pub(crate) fn standing_file(dir: &Path) -> PathBuf {
     dir.join("standing.slots")
 }
 
-/// Replaces a small file atomically and syncs it to disk. Creates its folder if that is missing.
+/// Creates a folder again that was removed while a file in it was open. If the folder above is on another file system
+/// than that file, its disk is missing, and what is written would be gone when the disk is back: nothing is created.
+fn restore_folder(dir: &Path, file: &File) -> io::Result<()> {
+    if dir.exists() {
+        return Ok(());
+    }
+    let above = dir.parent().filter(|above| !above.as_os_str().is_empty());
+    if fs::metadata(above.unwrap_or(Path::new(".")))?.dev() != file.metadata()?.dev() {
+        return Err(io::ErrorKind::NotFound.into());
+    }
+    fs::create_dir(dir)
+}
+
+/// Replaces a small file atomically and syncs it to disk.
 ///
 /// # Errors
 /// The disk is full or does not respond.
 pub fn replace_file(path: &Path, text: &str) -> io::Result<()> {
     let temporary = path.with_extension("new");
-    let made = path.parent().map_or(Ok(()), fs::create_dir_all);
-    let placed = made.and_then(|()| File::create(&temporary)).and_then(|mut file| {
+    let placed = File::create(&temporary).and_then(|mut file| {
         file.write_all(text.as_bytes())?;
         file.sync_all()?;
         fs::rename(&temporary, path)

@@ -12,7 +12,7 @@ use std::{
 
 use sha2::{Digest, Sha256};
 
-use super::{is_at, replace_file};
+use super::{is_at, replace_file, restore_folder};
 
 /// Size of a slot, bytes; larger than the longest text.
 const SLOT: usize = 16 * 1024;
@@ -40,7 +40,12 @@ impl Slots {
         let mut open = match self.open.take() {
             // The file may have been removed or replaced.
             Some(open) if self.is_in_place(&open.file) => open,
-            _ => self.take_room(text)?,
+            before => {
+                if let (Some(dir), Some(before)) = (self.path.parent(), before) {
+                    restore_folder(dir, &before.file)?;
+                }
+                self.take_room(text)?
+            }
         };
         let count = open.count + 1;
         let slot = slot(count, text)?;

@@ -53,8 +53,9 @@ pub use watchdog::Life;
 const TICK: Duration = Duration::from_millis(50);
 const STEP: Duration = Duration::from_millis(2);
 const OUTPUT_EVERY: Duration = Duration::from_secs(10);
-/// Minimum interval between records of sensors that are missing or back.
-const DEGRADED_EVERY: Duration = Duration::from_secs(10);
+/// Minimum intervals between records of sensors that are missing or back: the first, and the longest, to which it
+/// doubles while a sensor comes and goes, so that the log is not filled.
+const DEGRADED_EVERY: [Duration; 2] = [Duration::from_secs(5), Duration::from_secs(600)];
 /// Timeout at shutdown for a control thread that hangs, and the same timeout again for the disk.
 const END_TIMEOUT: Duration = Duration::from_secs(1);
 
@@ -123,6 +124,7 @@ pub struct Service {
     /// The last recorded reason `degraded`, with its sensors.
     degraded: Option<String>,
     degraded_at: Instant,
+    degraded_pause: Duration,
     lags: Lags,
     watchdog: Watchdog,
 }
@@ -175,6 +177,7 @@ impl Service {
             output: LatestOutput { at: now, correction: PerAxis::ZERO, receipt: None },
             degraded: None,
             degraded_at: now,
+            degraded_pause: DEGRADED_EVERY[0],
             lags: Lags::new(&parts.model, &parts.sensors),
             watchdog: Watchdog::new(
                 parts.proven_within,
@@ -437,16 +440,20 @@ impl Service {
         }
     }
 
-    /// Records which sensors the thermal terms lack, if that has changed. A sensor that comes and goes does not fill the log.
+    /// Records which sensors the thermal terms lack, if that has changed.
     fn record_degraded(&mut self, status: &Status) {
         let is_degraded = |text: &&String| Reasons::with_text(text) == Some(Reasons::DEGRADED);
         let degraded = status.reasons.iter().find(is_degraded);
-        if degraded == self.degraded.as_ref() || self.since(self.degraded_at) < DEGRADED_EVERY {
+        let passed = self.since(self.degraded_at);
+        if degraded == self.degraded.as_ref() || passed < self.degraded_pause {
             return;
         }
         let what = degraded.map_or("no longer degraded", String::as_str);
         let _ = self.log("gateway", what, Event::Nothing);
         (self.degraded, self.degraded_at) = (degraded.cloned(), self.clock.now());
+        let [first, longest] = DEGRADED_EVERY;
+        let doubled = (2 * self.degraded_pause).min(longest);
+        self.degraded_pause = if passed > longest { first } else { doubled };
     }
 
     fn status(&self, report: &Report) -> Status {
