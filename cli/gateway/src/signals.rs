@@ -32,7 +32,7 @@ pub fn exit_when_interrupted() -> Result<(), GatewayError> {
     let mut signals = Signals::new([SIGTERM, SIGINT]).map_err(failed)?;
     let wait = move || {
         if signals.forever().next().is_some() {
-            eprintln!("interrupted: nothing half-written is left");
+            eprintln!("interrupted");
             std::process::exit(130);
         }
     };

@@ -54,9 +54,10 @@ impl SignalTable {
     /// Parses the text of a DBC file. `file` is its name in error messages.
     ///
     /// # Errors
-    /// Not a DBC file, signals outside their message, invalid frame lengths, two positions, corrections, temperatures or states of one name, and a unit that is missing or does not match the quantity of the
-    /// signal: positions and corrections of linear axes are in mm or um, of rotary axes in deg, rad or urad, temperatures in degC, and the states
-    /// of the control have no unit or `bool`.
+    /// Text that is not a DBC file, a signal outside its message, an invalid frame length, or a unit that is missing or
+    /// does not match the quantity of the signal. Two signals of one name, if it is that of a position, a correction, a
+    /// temperature or a state: either could be meant. Valid units: mm or um for positions and corrections of linear axes;
+    /// deg, rad or urad for rotary axes; degC for temperatures; none or `bool` for the states of the control.
     pub fn parse_file(file: &str, text: &str) -> Result<Self, DbcError> {
         let dbc = Dbc::try_from(text)
             .map_err(|e| DbcError::Syntax { file: file.to_owned(), message: e.to_string() })?;
@@ -90,7 +91,7 @@ impl SignalTable {
     }
 }
 
-/// Checks that no used signal of a message has the name of another one, in it or in the messages before it: either could be meant.
+/// Checks that no used signal of a message has the name of another signal, in this message or in the messages before it.
 fn check_names(message: &Message, before: &[Message]) -> Result<(), Defect> {
     for (index, signal) in message.signals.iter().enumerate() {
         let of_message = message.signals[..index].iter().map(|other| (message, other));
@@ -107,8 +108,8 @@ fn check_names(message: &Message, before: &[Message]) -> Result<(), Defect> {
     Ok(())
 }
 
-/// Checks the used signals of a message: each is an integer that shares no bits with others, a counter has at least [`COUNTER_BITS`], and all bits 0
-/// mean that a state is off.
+/// Checks the used signals of a message: each is an integer that shares no bits with others, a counter has at least
+/// [`COUNTER_BITS`], and all bits 0 mean that a state is off.
 fn check_signals(dbc: &Dbc, id: MessageId, message: &Message) -> Result<(), Defect> {
     for (index, signal) in message.signals.iter().enumerate() {
         let is_word = ["FRAME_", "REPORT_"].map(|prefix| signal.name.starts_with(prefix));

@@ -58,8 +58,8 @@ pub fn error_in_title(measurement: &Measurement) -> Option<ErrorName> {
     }
 }
 
-/// The error other than positioning that the title names, such as a straightness, and a message: such a file is not to be evaluated by ISO 230-2.
-/// `None` for angles of a linear axis, whose statistics are of an angular error motion.
+/// The error other than positioning that the title names, such as a straightness, and a message: ISO 230-2 does not
+/// evaluate such a file. `None` for angles of a linear axis in µrad, which it evaluates as an angular error motion.
 pub fn not_positioning(
     measurement: &Measurement,
     unit: DeviationUnit,
@@ -69,7 +69,7 @@ pub fn not_positioning(
     let what = match MotionKind::of(error) {
         MotionKind::Positioning if !error.location => return None,
         _ if is_angle && unit == DeviationUnit::Urad => return None,
-        MotionKind::Straightness => "a straightness",
+        MotionKind::Straightness if !error.location => "a straightness",
         _ if is_angle => "an angle",
         _ => "no positioning",
     };

@@ -96,7 +96,9 @@ impl CsvTable {
                 if separator == ',' && record.cells.len() > columns && has_halves(&record.cells) {
                     message +=
                         "; if numbers have decimal commas, separate the columns by semicolons";
-                } else if columns < record.cells.len() && !record.cells.iter().any(is_number) {
+                } else if columns < record.cells.len()
+                    && !record.cells.iter().any(|c| is_number(c) || is_number_with_comma(c))
+                {
                     message += "; if this is the header, remove the lines above it";
                 }
                 return Err(error(record.line, record.span, message));
@@ -376,10 +378,6 @@ fn has_line_break(cells: &StringRecord) -> bool {
 }
 
 /// Byte at which the table starts in the text, and the separator of its cells.
-fn is_number(cell: &str) -> bool {
-    cell.parse::<f64>().is_ok()
-}
-
 fn start_and_separator(text: &str) -> (usize, char) {
     let start = if text.starts_with('\u{feff}') { 3 } else { 0 };
     let start = start + remarks(text.get(start..).unwrap_or_default());
@@ -482,11 +480,13 @@ fn records(text: &str, start: usize, separator: char) -> Result<Vec<Record>, (us
     }
 }
 
+fn is_number(cell: &str) -> bool {
+    cell.parse::<f64>().is_ok()
+}
+
 /// Whether a cell is a number with one comma and no point, such as `-12,5`.
 fn is_number_with_comma(cell: &str) -> bool {
-    cell.matches(',').count() == 1
-        && !cell.contains('.')
-        && cell.replacen(',', ".", 1).parse::<f64>().is_ok()
+    cell.matches(',').count() == 1 && !cell.contains('.') && is_number(&cell.replacen(',', ".", 1))
 }
 
 /// Whether two neighbouring cells may be the two parts of a number with a decimal comma, such as `12` and `5`.

@@ -418,7 +418,7 @@ pub(crate) fn length(error: [f64; 3]) -> f64 {
 /// The reasons of a state without their variable numbers, so that the text of each reason is constant.
 pub(crate) fn reasons(status: &Status) -> Vec<&str> {
     let reasons = status.reasons.iter();
-    // Two reasons contain numbers: the duration of a silence, and a rejected position.
+    // Some reasons contain values or names, such as the duration of a silence or a sensor.
     reasons
         .map(|reason| {
             let known = Reasons::with_text(reason).and_then(|reason| reason.texts().next());

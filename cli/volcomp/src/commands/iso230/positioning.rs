@@ -229,7 +229,9 @@ fn refuse_title(
     let Some((error, message)) = not_positioning(measurement, unit) else { return Ok(()) };
     let how = match MotionKind::of(error) {
         // The straightness command rejects files marked as positioning.
-        MotionKind::Straightness if measurement.quantity != Some(Quantity::Positioning) => {
+        MotionKind::Straightness
+            if !error.location && measurement.quantity != Some(Quantity::Positioning) =>
+        {
             "`volcomp straightness` evaluates it; "
         }
         MotionKind::Other
