@@ -123,14 +123,15 @@ fn errors<'a>(
     is_cancelled: &'a dyn Fn() -> bool,
 ) -> impl Fn(&Pose) -> [f64; 6] + 'a {
     let none = Temperatures::new();
-    let (of_model, of_actual) = (model.fine_source(&none), actual.fine_source(&none));
+    let of_model = (state == State::TruthCorrected).then(|| model.fine_source(&none));
+    let of_actual = actual.fine_source(&none);
     move |pose| {
         if is_cancelled() {
             return [0.0; 6];
         }
         let (chain, source) = (actual.chain(), &&*of_actual);
-        if state == State::TruthCorrected {
-            return residual(chain, source, &command(model, &&*of_model, state, pose), pose);
+        if let Some(of_model) = &of_model {
+            return residual(chain, source, &command(model, &&**of_model, state, pose), pose);
         }
         let found = volumetric_error(chain, source, pose, Form::Exact);
         let (p, r) = (found.position_mm, found.rotation_rad);

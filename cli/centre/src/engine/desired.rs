@@ -17,8 +17,8 @@ const MAX_CONCURRENT: usize = 64;
 const RECHECK_DELAY: Duration = Duration::from_millis(200);
 const RETRY_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Sends every value that was issued but is not yet under its key. Failures are retried at the next
-/// pass; the first one by its text is returned.
+/// Sends every issued value that is not yet under its machine's key. The next pass retries failures. Of several failures
+/// the alphabetically first is returned, so that the alarm does not alternate.
 pub(super) async fn send(engine: &Arc<Engine>) -> Result<(), String> {
     if !engine.is_connected() {
         return Ok(());
