@@ -241,13 +241,12 @@ fn a_second_response_is_discarded() {
     let mut config = config(wire.bus(), &[1]);
     config.interval = Duration::from_millis(500);
     let mut thermometer = poll_temperatures(config).unwrap();
-    for request in 1..=4 {
-        until("the request", || *asked.lock().unwrap() == request);
-        let expected = f64::from(request) * 0.1;
-        until("its response", || {
+    for request in 2..=4 {
+        until("the response to the last request", || {
+            let number = *asked.lock().unwrap();
+            let expected = f64::from(number) * 0.1;
             let found = thermometer.latest()[0].degc;
-            assert!(*asked.lock().unwrap() == request, "the response to {request} was not taken");
-            found.is_some_and(|degc| (degc - expected).abs() < 1e-9)
+            number >= request && found.is_some_and(|degc| (degc - expected).abs() < 1e-9)
         });
     }
 }
