@@ -277,7 +277,7 @@ pub struct Observation {
     pub version: u64,
     /// Checksum of the active model.
     pub model: String,
-    /// True if the machine is compensating: without a correction the model cannot be judged.
+    /// True if the machine is compensating. Without a correction the model cannot be judged.
     pub corrects: bool,
     /// Reason, if the guard is faulted or has been since the last pass.
     pub faulted: Option<String>,

@@ -30,7 +30,7 @@ const MINUTE_S: i64 = 60;
 const MAX_POINTS: usize = 30 * 24 * 60;
 /// Before this program existed, s since 1970: the clock was not set yet.
 const NOT_SET_S: i64 = 1_700_000_000;
-/// Maximum number of points in a response; one more where the ends of the span cut a point.
+/// Maximum number of points in a response. A span that starts inside a point has one more.
 const MAX_BUCKETS: u32 = 600;
 /// Larger files are ignored. 64 sensors and 9 axes need less than 1 kB for each point, so a larger file is no history.
 const MAX_FILE_BYTES: u64 = 64 << 20;

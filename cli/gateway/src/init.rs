@@ -83,7 +83,8 @@ pub fn init(mut arguments: InitArguments) -> Result<String, GatewayError> {
             Ok(plan.sensor_notes())
         });
     let notes = checked.inspect_err(|_| {
-        // The key was made for this configuration alone. The error matters more than a key that stays.
+        // The key was made for this configuration only. A failed removal of the key is ignored: the caller needs the
+        // first error.
         let _ = key_file.map(fs::remove_file);
     })?;
     let notes = notes.iter().map(|note| format!("note: {note}\n"));

@@ -98,7 +98,8 @@ impl<'a> Profile<'a> {
         self.line.setup.method != Method::Direct
     }
 
-    /// Scatter of a mean reading; `None` if it is unknown, or if readings are summed.
+    /// Scatter of a mean reading; `None` if the scatter is unknown, or if the readings are tilts of a bridge, which are
+    /// summed.
     pub(crate) fn scatter_of_mean(&self, alignment: RunAlignment) -> Option<Noise> {
         if self.is_summed() {
             return None;

@@ -185,7 +185,8 @@ impl Signal {
         if self.signed { [all / 2 + 1, all / 2] } else { [0, all] }
     }
 
-    /// Largest magnitude that the signal can represent with either sign, in its unit; 0 if it can represent only one sign.
+    /// Largest magnitude that the signal can represent with either sign, in the unit of the signal; 0 if the signal can
+    /// represent only one sign.
     pub fn largest(&self) -> f64 {
         let [a, b] = self.raw_range().map(|raw| raw * self.factor + self.offset);
         a.max(b).min(-a.min(b)).max(0.0)

@@ -26,7 +26,7 @@ pub(crate) struct Outputs {
     latching: Latching,
     /// Time until which the latch may be toggled for the last written word.
     latched_by: Instant,
-    /// The last confirmed level of the latch, as a bit.
+    /// Last confirmed level of the latch, as a bit at the position of its line.
     seen_latch: Option<u64>,
     /// Whether the device currently reports its output levels.
     is_reported: bool,

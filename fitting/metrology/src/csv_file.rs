@@ -45,8 +45,9 @@ const OTHER_HEADS: &str = "the header `target,run,direction,deviation` or `targe
 /// target, and a direction with fewer runs, are noted too.
 ///
 /// # Errors
-/// Wrong header or number of columns, cells that are not finite numbers, repeated readings, or an empty file. Messages
-/// name the file, the line, what was found and what was expected.
+/// # Errors
+/// Wrong header or number of columns, cells that are not finite numbers, repeated readings, or an empty file.
+/// Messages name the file, the line, what was found and what was expected.
 pub fn parse_csv(bytes: &[u8], name: &str) -> Result<Measurement, MetrologyError> {
     let (text, encoding_note) = decode(bytes, name)?;
     refuse_empty(&text, name, EXPECTED_HEADER)?;

@@ -5,7 +5,8 @@ use volcomp_vocabulary::{AxisKind, ErrorName};
 
 use crate::{DeviationUnit, Measurement};
 
-/// Kind of an error motion with respect to its axis. It determines the method of measurement and the reference that is removed from the readings.
+/// Kind of an error motion with respect to its axis. It determines the method of measurement and the reference that is
+/// removed from the readings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum MotionKind {

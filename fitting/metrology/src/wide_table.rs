@@ -99,7 +99,8 @@ impl Head {
         // `R1 r` is the first run, backward.
         let has_other_direction = words.iter().filter(is_letter_r).count() > 1
             || others.any(|word| word != "-" && direction_named(word).is_some());
-        // A hyphen is a direction only where no word states one, and another head has a `+`: `Run - 1` has none.
+        // A hyphen means backward only if no word states a direction and another head has a `+`. In `Run - 1` it has no
+        // meaning.
         let hyphen = words.iter().any(|word| word == "-") && is_in_any("+");
         for word in words.iter().filter(|word| *word != "-") {
             let is_new = if let Ok(run) = word.parse::<u32>() {

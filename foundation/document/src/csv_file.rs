@@ -377,7 +377,7 @@ fn has_line_break(cells: &StringRecord) -> bool {
     cells.iter().any(|cell| cell.contains(['\n', '\r']))
 }
 
-/// Byte at which the table starts in the text, and the separator of its cells.
+/// Byte at which the table starts in the text, and separator of its cells.
 fn start_and_separator(text: &str) -> (usize, char) {
     let start = if text.starts_with('\u{feff}') { 3 } else { 0 };
     let start = start + remarks(text.get(start..).unwrap_or_default());

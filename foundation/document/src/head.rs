@@ -3,7 +3,7 @@
 /// Units and their spellings, in lower case. The case of a spelling is ignored.
 const UNITS: [(&str, &[&str]); 14] = [
     ("mm", &["mm"]),
-    // The micro sign does not become the Greek letter in lower case: both are listed.
+    // Lower case does not turn the micro sign into the Greek letter, so both are listed.
     ("um", &["um", "µm", "μm", "micron", "microns"]),
     ("nm", &["nm"]),
     ("cm", &["cm"]),

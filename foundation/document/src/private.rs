@@ -9,7 +9,6 @@ use std::{
 
 use crate::read::bytes_of;
 
-/// Reason why a secret file is rejected.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PrivateError {

@@ -162,7 +162,8 @@ const CAUSES: [Reasons; 5] = [
     Reasons::NOT_A_NUMBER,
 ];
 
-/// Maximum number of actions of an event: those on the causes, which come first.
+/// Maximum number of recommended operator actions per event. Reasons list causes first, so actions on consequences are
+/// cut.
 const MAX_ADVICE: usize = 2;
 
 fn advice_on(change: &StateChange) -> Vec<String> {

@@ -121,7 +121,7 @@ fn barrier(path: &PathPlan) -> Option<BarrierPlan> {
     })
 }
 
-/// The sensors used by thermal terms, and those that only a thermometer provides.
+/// The sensors that thermal terms use, and further sensors of thermometers.
 pub(super) fn sensors(plan: &Plan) -> Vec<SensorPlan> {
     let measured_by = |name: &String| {
         if plan.devices.simulation.is_some() {

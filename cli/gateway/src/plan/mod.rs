@@ -237,7 +237,7 @@ impl Plan {
         describe::of_sensors(self, &describe::sensors(self))
     }
 
-    /// The plan with the settings reported by the controls. Nothing is written to them.
+    /// The plan with the settings that the controls report. Nothing is written to the controls.
     ///
     /// # Errors
     /// A control cannot be reached, or contradicts the configuration.

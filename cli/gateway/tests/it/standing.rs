@@ -132,7 +132,8 @@ fn an_operators_disarm_is_kept_although_the_folder_was_removed() {
     stays_disarmed_until_armed(gateway, &config);
 }
 
-/// The disk is still busy with the audit log when the disarm is answered, and the program is killed: the disarm is on the disk.
+/// The disk is still busy with the audit log when the disarm is answered, and the program is killed. The disarm is on
+/// the disk.
 #[test]
 fn an_operators_disarm_does_not_wait_for_its_record() {
     let dir = tempfile::tempdir().expect("writable");

@@ -113,7 +113,7 @@ impl Nodes {
         monitored.is_some_and(|monitored| std::mem::take(&mut monitored.was_interrupted))
     }
 
-    /// Reason why the data of a node must not be used; `None` if they may be used.
+    /// Reason why the data of a node must not be used; `None` if the data are valid.
     pub(super) fn failure(&self, node: u8) -> Option<Reason> {
         let monitored = self.monitored.get(&node)?;
         if monitored.last_heartbeat.elapsed() > self.silent_after || monitored.state.is_none() {

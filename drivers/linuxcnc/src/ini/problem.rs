@@ -76,10 +76,7 @@ pub enum Problem {
     #[error(
         "[HAL]HALFILE: found {found} after {BRIDGE}, expected {BRIDGE} as the last one: pins that it has connected, such as motion.probe-input, take no signal of a later file"
     )]
-    Behind {
-        /// Name of the later file.
-        found: String,
-    },
+    Behind { found: String },
     /// A HAL file of the display cannot be read.
     #[error("[HAL]POSTGUI_HALFILE: {file}: {reason}; expected a readable file")]
     PostGui {
@@ -105,17 +102,10 @@ pub enum Problem {
     },
     /// The bridge's section contains an unknown key.
     #[error("[VOLCOMP]{key}: unknown key, expected one of {known}")]
-    Unknown {
-        /// The unknown key, as written in the file.
-        key: String,
-        known: String,
-    },
+    Unknown { key: String, known: String },
     /// The bridge has another key than the gateway.
     #[error("[VOLCOMP]KEY_FILE: {}: found another key than the gateway's", .file.display())]
-    OtherKey {
-        /// The file with the key of the bridge.
-        file: PathBuf,
-    },
+    OtherKey { file: PathBuf },
     /// The key of the bridge is missing or malformed.
     #[error("[VOLCOMP]KEY_FILE: {reason}; expected a copy of the gateway's key")]
     Key {
@@ -150,10 +140,7 @@ pub enum Problem {
     #[error(
         "[AXIS_{axis}]OFFSET_AV_RATIO is missing, expected a number such as 0.02: by default LinuxCNC applies no offset"
     )]
-    NoRatio {
-        /// Axis whose section lacks `OFFSET_AV_RATIO`.
-        axis: AxisName,
-    },
+    NoRatio { axis: AxisName },
     /// The fraction of its velocity that an axis reserves for its offset is out of range.
     #[error(
         "[AXIS_{axis}]OFFSET_AV_RATIO: found {found}, expected more than 0 and at most 0.2: it is taken from the velocity of programs"
@@ -199,7 +186,7 @@ pub enum Problem {
         /// The limit of the axis in the INI file, mm or deg.
         limit: String,
     },
-    /// A unit is missing, so that LinuxCNC would use its default.
+    /// A unit is missing, so LinuxCNC would use its default.
     #[error("[TRAJ]{key} is missing, expected {expected}: the bridge counts in this unit")]
     NoUnits {
         /// Key in the section `[TRAJ]`.
@@ -222,10 +209,7 @@ pub enum Problem {
     #[error(
         "[KINS]JOINTS: found {found}, expected the number of joints, 1 to {MAX_JOINTS} without further text"
     )]
-    Joints {
-        /// The value of this key in the INI file.
-        found: String,
-    },
+    Joints { found: String },
     /// The number of joints is missing.
     #[error("[KINS]JOINTS is missing, expected the number of joints, 1 to {MAX_JOINTS}")]
     NoJoints,
@@ -233,10 +217,7 @@ pub enum Problem {
     #[error(
         "[KINS]KINEMATICS: found {found}, expected trivkins: with other kinematics LinuxCNC adds offsets to coordinates of the workpiece, not of the machine"
     )]
-    Kinematics {
-        /// The kinematics module in the INI file.
-        found: String,
-    },
+    Kinematics { found: String },
     /// The period of the servo thread differs from the gateway's configuration.
     #[error(
         "[EMCMOT]SERVO_PERIOD: found {found} ns, expected {expected} ns, barrier.scan_ms of the gateway's configuration"

@@ -344,8 +344,8 @@ fn a_reported_cut_without_a_missing_offset_is_no_alarm() {
     assert!(output.holds && output.state.flags.has(Flags::LIMITED));
 }
 
-/// A requested offset of 3.5 µm that the planner does not apply is reported as lost after 0.5 to 1.2 s, one within the tolerance never, at any servo
-/// period.
+/// A requested offset of 3.5 µm that the planner does not apply is reported as lost after 0.5 to 1.2 s, at any servo
+/// period. An offset within the tolerance is never reported as lost.
 #[test]
 fn a_missing_offset_is_lost() {
     for period_ns in [250_000, 1_000_000] {

@@ -120,7 +120,7 @@ fn a_connected_pin_keeps_its_signal() {
     assert!(nets.contains("net own => volcomp.eoffset-0\n"), "{nets}");
 }
 
-/// Results of both programs, by program name.
+/// For each program: its name, whether it accepts the file, and its messages.
 fn check_by_both(ini: &str) -> Vec<(&'static str, bool, String)> {
     let results = [("check", Some(check_by_gateway(ini))), ("volcomp.tcl", check_by_bridge(ini))];
     let results = results.into_iter();

@@ -324,7 +324,7 @@ fn a_line_that_is_never_silent_is_reported() {
     });
 }
 
-/// A truncated response, or one with a wrong checksum, gives no value; the next response is good.
+/// A truncated response and a response with a wrong checksum give no value; the next response is good.
 #[test]
 fn corrupted_responses_are_rejected() {
     let Some(wire) = Wire::new() else { return };

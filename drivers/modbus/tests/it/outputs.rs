@@ -374,7 +374,8 @@ fn outputs_that_were_known_are_read_back_again() {
     until("the levels are known again", || reads(&mut port) && port.confirmed() == Some(0x5a));
 }
 
-/// However often a silent module was connected to, its output levels are read back once it answers.
+/// The output levels are read back once a module answers again, regardless of how many connections were made while it
+/// was silent.
 #[test]
 fn outputs_are_read_back_after_any_silence() {
     for connections in 1..=8 {

@@ -228,7 +228,7 @@ fn refuse_title(
 ) -> Result<(), Failure> {
     let Some((error, message)) = not_positioning(measurement, unit) else { return Ok(()) };
     let how = match MotionKind::of(error) {
-        // The straightness command rejects files marked as positioning.
+        // `volcomp straightness` rejects files that are marked as positioning, so do not recommend it.
         MotionKind::Straightness
             if !error.location && measurement.quantity != Some(Quantity::Positioning) =>
         {
