@@ -43,7 +43,8 @@ fn the_file_is_the_map_that_is_told_of() {
     let told = text(&format!(
         "map-table -m examples/table-tilting.toml --words 65000 --within 20 --axes X,C -o {name}"
     ));
-    contains(&told.replace('\n', " "), "µm in a mm or deg: at 10 m/min or 10000 deg/min that is");
+    let told = told.split_whitespace().collect::<Vec<_>>().join(" ");
+    contains(&told, "µm in a mm or deg: at 10 m/min or 10000 deg/min that is");
 }
 
 #[test]

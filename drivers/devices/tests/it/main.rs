@@ -70,7 +70,7 @@ fn invalid_urls_name_the_expected_value() {
         ("modbus://127.0.0.1:1?profile=PTA8C04", "the module does not answer; check address"),
         ("gpio://?position=a:0-14", "correction is missing; expected gpio://"),
         ("gpio://?position=a:0-14&correction=b", "found `b` as lines"),
-        ("can://can77?dbc=nowhere.dbc", "nowhere.dbc: No such file"),
+        ("can://can77?dbc=nowhere.dbc", "nowhere.dbc: cannot be read: No such file"),
         ("focas://127.0.0.1:1", "no connection to 127.0.0.1:1"),
     ] {
         let message = message(url);
