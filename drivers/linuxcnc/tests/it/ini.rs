@@ -226,7 +226,7 @@ fn another_key_is_reported() {
             "[VOLCOMP]KEY_FILE: DIR/other.key: found another key than the gateway's",
         ),
         (KEY_TEXT, 0o644, "[VOLCOMP]KEY_FILE: DIR/other.key: found mode 644, expected 600"),
-        ("secret", 0o600, "[VOLCOMP]KEY_FILE: DIR/other.key: expected 32 hexadecimal digits"),
+        ("secret", 0o600, "[VOLCOMP]KEY_FILE: DIR/other.key: found another text, expected 32"),
     ] {
         write_key(&key, text, mode);
         let problems_of = problems_of();
