@@ -71,8 +71,7 @@ pub fn read_bytes(path: &Path) -> io::Result<Vec<u8>> {
 }
 
 pub(crate) fn bytes_of(file: File) -> io::Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    file.take(MAX_TEXT_BYTES + 1).read_to_end(&mut bytes)?;
+    let bytes = up_to(file, MAX_TEXT_BYTES + 1)?;
     if bytes.len() as u64 > MAX_TEXT_BYTES {
         let found = format!("found more than {} MiB, expected at most that", MAX_TEXT_BYTES >> 20);
         return Err(io::Error::new(io::ErrorKind::FileTooLarge, found));
@@ -80,11 +79,17 @@ pub(crate) fn bytes_of(file: File) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
+/// The first `most` bytes of a file or a pipe.
+fn up_to(file: File, most: u64) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    file.take(most).read_to_end(&mut bytes)?;
+    Ok(bytes)
+}
+
 fn text_of(path: &Path, most: u64) -> Result<String, ReadError> {
     let file = path.display().to_string();
-    let mut bytes = Vec::new();
-    File::open(path)
-        .and_then(|open| open.take(most).read_to_end(&mut bytes))
+    let bytes = File::open(path)
+        .and_then(|open| up_to(open, most))
         .map_err(|source| ReadError::System { file: file.clone(), source })?;
     let is_cut = bytes.len() as u64 == most;
     String::from_utf8(bytes).or_else(|error| match error.utf8_error() {
