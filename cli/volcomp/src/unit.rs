@@ -55,25 +55,25 @@ fn not_stated(measurement: &Measurement) -> String {
     )
 }
 
-/// Converts the deviations of a file to µm or µrad. `asked` is the unit of a file without a unit; it may repeat the
+/// Converts the deviations of a file to µm or µrad. `stated` is the unit of a file without a unit; it may repeat the
 /// unit of the file, but not change it. If neither states a unit, µm is assumed.
 pub(crate) fn apply(
     file: &Path,
     measurement: &mut Measurement,
-    asked: Option<Unit>,
+    stated: Option<Unit>,
 ) -> Result<DeviationUnit, Failure> {
-    let Some(asked) = asked else {
+    let Some(stated) = stated else {
         if measurement.unit.is_none() {
             let note = not_stated(measurement);
             measurement.notes.push(note);
         }
         return Ok(measurement.unit.unwrap_or(DeviationUnit::Um));
     };
-    let unit = asked.of_readings();
+    let unit = stated.of_readings();
     measurement.convert_from(unit).map_err(|found| {
         Failure::in_file(
             file,
-            format_args!("found deviations in {found}, expected {unit} (--unit {})", asked.key()),
+            format_args!("found deviations in {found}, expected {unit} (--unit {})", stated.key()),
         )
     })?;
     Ok(unit.deviation_unit())

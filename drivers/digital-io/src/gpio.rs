@@ -26,7 +26,7 @@ impl LineSet {
     /// Parses a text such as `panel-out:0-14` or `gpiochip0:3,5,9-11`.
     ///
     /// # Errors
-    /// Any other text; a line that stands twice, which would be two bits of a word.
+    /// Any other text, or a line that is listed twice, which would be two bits of a word.
     pub fn parse(text: &str) -> Result<Self, DeviceError> {
         let wrong = || {
             let what = format!("found `{text}` as lines");

@@ -73,9 +73,10 @@ const DEVIATION_SHARE: f64 = 0.05;
 impl Head {
     /// Parses the words of a head. `None` if a word is unknown, as in `mean fwd`: the column is not a run.
     ///
-    /// Letters and short words that also name results of ISO 230-2 or numbers of positions are directions only where the heads show it: `f` beside a
-    /// number or a head that has `r` or `b` instead, `r` and `b` beside a number or a head that has `f` instead, `pos` beside `neg`. `r` beside a number
-    /// means run where another word states the direction or no head has `f`.
+    /// Letters and short words that also name results of ISO 230-2 or numbers of positions count as directions only if the
+    /// heads show it. `f` does so with a number, or if another head has `r` or `b` in its place; `r` and `b` with a number,
+    /// or if another head has `f` in their place; `pos` if another head has `neg`. `r` with a number means run if another
+    /// word states the direction, or if no head has `f`.
     fn of(words: &[String], all: &[Vec<String>]) -> Option<Self> {
         let mut found = Self::default();
         let is_in_any = |wanted: &str| all.iter().flatten().any(|word| word == wanted);

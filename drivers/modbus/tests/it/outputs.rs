@@ -357,7 +357,8 @@ fn the_read_back_of_outputs_is_repeated() {
     }
 }
 
-/// A module whose outputs were read back once is asked until it answers, however often that fails on a bad line.
+/// The outputs of a module that were read back once are requested until it answers, regardless of the number of failures
+/// on a bad line.
 #[test]
 fn outputs_that_were_known_are_read_back_again() {
     let (module, address) = Module::start();
