@@ -45,8 +45,13 @@ pub(crate) struct CompensationArguments {
     #[arg(long, value_name = "MACHINE")]
     pub(crate) truth: Option<PathBuf>,
     /// Step of the control to which the correction is rounded: µm on linear, µrad on rotary axes
-    #[arg(long, value_name = "STEP")]
+    #[arg(long, value_name = "STEP", value_parser = resolution)]
     pub(crate) resolution: Option<f64>,
+}
+
+pub(crate) fn resolution(text: &str) -> Result<f64, String> {
+    let step = text.parse().ok().filter(|step: &f64| *step > 0.0 && step.is_finite());
+    step.ok_or_else(|| "expected a step above 0 (µm, µrad)".to_owned())
 }
 
 impl CompensationArguments {
@@ -86,13 +91,6 @@ impl<'a> Compensation<'a> {
         machine: &'a Machine,
         temperatures: &'a Temperatures,
     ) -> Result<Self, Failure> {
-        if let Some(step) = arguments.resolution
-            && !(step > 0.0 && step.is_finite())
-        {
-            return Err(Failure::Input(format!(
-                "--resolution: found {step}, expected a step above 0 (µm, µrad)"
-            )));
-        }
         let truth = match &arguments.truth {
             Some(path) => Some(read_truth(path, machine)?),
             None => None,

@@ -76,6 +76,8 @@ pub struct Virtual<'a> {
     /// Part to be inspected, and the correction used for the result. The zero of each work offset that the set-up states is probed on the
     /// machine without correction; for the result the error of this correction at the zero is added to the work offset.
     pub part: Option<(&'a Part, &'a Corrector)>,
+    /// Step of the control to which the correction is rounded, µm on linear and µrad on rotary axes; `None`: not rounded.
+    pub resolution: Option<f64>,
 }
 
 /// Runs a program and its result on a virtual machine. `shares` are the ends of the parts of each motion,
@@ -240,6 +242,8 @@ struct Comparison {
     /// Correction of the result, if a part is inspected.
     corrector: Option<Corrector>,
     averages: Option<Vec<Average>>,
+    /// [`Virtual::resolution`].
+    resolution: Option<f64>,
     stated: [bool; SYSTEMS],
     /// Deviation of each probed zero from its work offset, mm in workpiece axes: with the original program, and with
     /// the result. The work offset of the result includes the modelled error at the zero.
@@ -257,6 +261,7 @@ impl Comparison {
         Self {
             truth,
             averages: averages.map(<[_]>::to_vec),
+            resolution: of.resolution,
             corrector: of.part.map(|(_, corrector)| corrector.clone()),
             stated: std::array::from_fn(|system| of.setup.offset(system).is_some()),
             zeros: vec![None; SYSTEMS],
@@ -388,9 +393,11 @@ impl Comparison {
         }
         let steps = steps(&self.truth, original, 1.0);
         self.turns = self.truth.turns(steps, |share| place_of(original, share));
-        let begins = self.result_goes(0.0);
+        let begins = place_of(original, 0.0);
+        let commanded = self.result_goes(0.0);
+        let commanded = self.rounded(&begins, &commanded);
         if !only_end {
-            self.cut(original, &place_of(original, 0.0), &begins);
+            self.cut(original, &begins, &commanded);
         }
         let stations = Stations::of(original);
         let mut passed = 0.0;
@@ -406,6 +413,7 @@ impl Comparison {
             }
             passed = share;
             let (wanted, commanded) = (place_of(original, share), self.result_goes(share));
+            let commanded = self.rounded(&wanted, &commanded);
             if is_hole && station == stations.first {
                 // Drilling starts at the plane R.
                 self.begin_motion(&[false; 9]);
@@ -422,6 +430,18 @@ impl Comparison {
         self.truth.set_furthest(&self.turns.furthest);
         self.truth.move_to(&original.motion.to);
         self.count_if_worse(original.line);
+    }
+
+    /// The command with its correction rounded to the resolution of the control.
+    fn rounded(&self, wanted: &Axes, commanded: &Axes) -> Axes {
+        let Some(resolution) = self.resolution else {
+            return *commanded;
+        };
+        each(|axis| {
+            let step =
+                if is_rotary(axis) { (1e-6 * resolution).to_degrees() } else { 1e-3 * resolution };
+            wanted[axis] + ((commanded[axis] - wanted[axis]) / step).round() * step
+        })
     }
 
     fn begin_motion(&mut self, from_unknown: &Axes<bool>) {

@@ -19,7 +19,7 @@ use volcomp_report::{ProgramFigures, ProgramPlace, program_picture};
 
 use super::{Answer, fixed, machine_notes, table, table_text, thermal_note};
 use crate::{
-    compensation::refuse_other_geometry,
+    compensation::{refuse_other_geometry, resolution},
     failure::Failure,
     limit::{LimitArgument, RAISE_LIMIT},
     output::OutputFile,
@@ -82,6 +82,9 @@ pub(crate) struct NcArguments {
     /// Machine file with the errors taken as real in the verification
     #[arg(long, value_name = "FILE", requires = "verify")]
     truth: Option<PathBuf>,
+    /// Step of the control to which the verification rounds the correction: µm on linear, µrad on rotary axes
+    #[arg(long, value_name = "STEP", requires = "verify", value_parser = resolution)]
+    resolution: Option<f64>,
     /// Part file (TOML): evaluate its features on the virtual workpiece, before and after
     #[arg(long, value_name = "FILE", requires = "verify")]
     inspect: Option<PathBuf>,
@@ -549,6 +552,7 @@ impl OnTruth<'_> {
             most_blocks: arguments.max_blocks,
             dialect: arguments.dialect(self.setup),
             part: self.part,
+            resolution: arguments.resolution,
         };
         let open = |path: &Path| {
             let file = File::open(path).map_err(|e| Failure::in_file(path, e))?;

@@ -166,6 +166,17 @@ fn the_mean_correction_is_judged_as_well() {
     assert!((before - after).abs() < 0.05, "{answer}");
 }
 
+/// On a control with steps of 1 mm no correction is left.
+#[test]
+fn a_coarse_control_corrects_nothing() {
+    let folder = Folder::new();
+    let result = folder.path().join("o.ngc");
+    let answer = answered(&result, &["--verify", "--resolution", "1000"]);
+    let verified = &answer["verified"];
+    let [before, after] = ["before", "after"].map(|when| float(&verified[when]["max_um"]));
+    assert!((before - after).abs() < 1e-6, "{answer}");
+}
+
 #[test]
 fn what_is_wrong_is_told() {
     let folder = Folder::new();

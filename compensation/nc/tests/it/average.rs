@@ -204,6 +204,7 @@ fn a_probed_zero_contains_the_measured_error() {
         most_blocks: 1000,
         dialect: Dialect::Rs274,
         part: Some((&part, &corrector)),
+        resolution: None,
     };
     let found = verify_average(&mut &program[..], &mut &out[..], &averages, of).expect("verified");
     assert!(found.before.max_um > 10.0 && found.after.max_um < 1e-6, "{found:?}");

@@ -66,6 +66,7 @@ pub(crate) fn verified_by(
         most_blocks: 100_000,
         dialect,
         part: None,
+        resolution: None,
     };
     verify(&mut program.as_bytes(), &mut result.as_bytes(), shares, of)
 }

@@ -36,6 +36,7 @@ fn inspected_with(
         most_blocks: 10_000,
         dialect: volcomp_nc::Dialect::Rs274,
         part: Some((&part, &corrector)),
+        resolution: None,
     };
     let found = verify(&mut program.as_bytes(), &mut out.as_slice(), &summary.shares, of);
     (found.expect("verified").features, summary.notes)

@@ -1,7 +1,7 @@
 //! A program and its result on a virtual machine, compared with closed-form deviations.
 
-use volcomp_model::Machine;
-use volcomp_nc::{Dialect, Job, NcError, SetUp, Verification};
+use volcomp_model::{Machine, Temperatures};
+use volcomp_nc::{Dialect, Job, NcError, SetUp, Verification, Virtual, verify};
 
 use crate::identity::{TRAVELS, result_of, verified_by};
 
@@ -165,4 +165,35 @@ fn worsened_motions_are_counted() {
     assert!((found.further.by_um - 1.0).abs() < 1e-3, "{found:?}");
     let same = compared(truth, &setup, program, program, &[1.0; 3]);
     assert_eq!(same.further, volcomp_nc::Verification::default().further);
+}
+
+/// A correction of −11 µm is −12 µm on a control with steps of 4 µm, and one of 0.001° (17.45 µrad) is 30 µrad with steps of 30 µrad: 6 µm
+/// at a radius of 200 mm.
+#[test]
+fn corrections_are_rounded_to_the_resolution_of_the_control() {
+    let scale = format!("{TRAVELS}[errors]\nEXX = {{ poly = [0.0, 0.1] }}\n");
+    let table = "structure = \"w C' b X Y Z t\"\naxes = { X = { travel = [0, 400] }, Y = { travel = [0, 400] }, Z = { travel = [0, 400] }, C = { travel = [0, 360] } }\ntool = { tip = [0, 0, 0] }\n";
+    let linear = ("G1 F100 X100\n", "G1 F100 X99.989\n");
+    let rotary = ("G0 X200\nG1 F100 C90\n", "G0 X200\nG1 F100 C90.001\n");
+    for (machine, (program, result), resolution, expected_um) in [
+        (scale.as_str(), linear, None, 1.001),
+        (scale.as_str(), linear, Some(4.0), 2.001),
+        (table, rotary, None, 3.4907),
+        (table, rotary, Some(30.0), 6.0),
+    ] {
+        let of = Virtual {
+            truth: &Machine::parse(machine, "m.toml").expect("a machine"),
+            temperatures: &Temperatures::new(),
+            setup: &SetUp::default(),
+            most_blocks: 10,
+            dialect: Dialect::Rs274,
+            part: None,
+            resolution,
+        };
+        let found = verify(&mut program.as_bytes(), &mut result.as_bytes(), &[1.0, 1.0], of);
+        let path = found.expect("verified").path;
+        let end = path.last().expect("the end");
+        let off: f64 = end.after_um.iter().map(|um| um * um).sum::<f64>().sqrt();
+        assert!((off - expected_um).abs() < 1e-2, "{program} {resolution:?}: {off}");
+    }
 }
