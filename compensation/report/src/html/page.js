@@ -76,22 +76,27 @@
   for (const svg of document.querySelectorAll("svg.quiver")) {
     let [turn, tilt] = numbers(svg.dataset.view);
     const [width, height, scale] = numbers(svg.dataset.size);
-    const parts = [...svg.querySelectorAll("[data-p]")].map((part) => [part, numbers(part.dataset.p)]);
+    const lines = [...svg.querySelectorAll("path[data-p]")].map((path) => [path, numbers(path.dataset.p), path.dataset.v && numbers(path.dataset.v)]);
+    const names = [...svg.querySelectorAll("text[data-p]")].map((name) => [name, numbers(name.dataset.p)]);
+    let least = 0;
     const draw = () => {
       const st = Math.sin(turn), ct = Math.cos(turn), si = Math.sin(tilt), ci = Math.cos(tilt);
       const place = (x, y, z) => [
-        width / 2 + (x * ct - y * st) * scale,
-        height / 2 - (z * ci + (x * st + y * ct) * si) * scale,
-      ].map((n) => n.toFixed(2));
-      for (const [part, p] of parts) {
-        const [x, y] = place(p[0], p[1], p[2]);
-        if (p.length === 6) {
-          const [u, v] = place(p[3], p[4], p[5]);
-          part.setAttribute("d", `M${x} ${y}L${u} ${v}`);
-        } else {
-          part.setAttribute("x", x);
-          part.setAttribute("y", y);
+        (width / 2 + (x * ct - y * st) * scale).toFixed(2),
+        (height / 2 - (z * ci + (x * st + y * ct) * si) * scale).toFixed(2),
+      ];
+      for (const [path, p, sizes] of lines) {
+        let d = "";
+        for (let i = 0; i < p.length; i += 6) {
+          if (sizes && sizes[i / 6] < least) continue;
+          d += `M${place(p[i], p[i + 1], p[i + 2]).join(" ")}L${place(p[i + 3], p[i + 4], p[i + 5]).join(" ")}`;
         }
+        path.setAttribute("d", d);
+      }
+      for (const [name, p] of names) {
+        const [x, y] = place(p[0], p[1], p[2]);
+        name.setAttribute("x", x);
+        name.setAttribute("y", y);
       }
     };
     const turned = (by, up) => {
@@ -101,18 +106,17 @@
     };
     const level = svg.closest(".keep").querySelector(".level");
     const slider = level.querySelector("input");
-    const vectors = [...svg.querySelectorAll("[data-v]")].map((part) => [part, Number(part.dataset.v)]);
+    const vectors = [...svg.querySelectorAll("path.vector")].flatMap((path) => numbers(path.dataset.v));
     const filter = () => {
-      let count = 0;
-      for (const [part, um] of vectors) {
-        const isShown = um >= Number(slider.value);
-        part.classList.toggle("below", !isShown);
-        if (isShown) count += 0.5;
-      }
+      least = Number(slider.value);
+      draw();
       const text = slider.value + " \u00b5m";
       slider.setAttribute("aria-valuetext", text);
-      level.querySelector("output").textContent = text + ": " + count + " of " + vectors.length / 2;
+      level.querySelector("output").textContent = text + ": " + vectors.filter((um) => um >= least).length + " of " + vectors.length;
     };
+    // On paper there is no slider, so every vector is drawn.
+    addEventListener("beforeprint", () => { least = 0; draw(); });
+    addEventListener("afterprint", filter);
     slider.addEventListener("input", filter);
     filter();
     level.hidden = false;
