@@ -1,17 +1,13 @@
-//! The ideal kinematic chain: joints, tool and workpiece at machine zero.
+//! The ideal kinematic chain: joints, tool and workpiece at machine zero; its state, and the interface that supplies
+//! the errors of its axes.
 
 use arrayvec::ArrayVec;
 use nalgebra::Vector3;
+use volcomp_vocabulary::{AxisKind, AxisName, Component, Direction, ErrorName, MAX_AXES, PerAxis};
 
-use crate::{
-    axis::letter_direction,
-    error::ChainError,
-    pose::{Pose, rotation_about_axis},
-    source::State,
-    structure::{Side, Structure},
-    twist::Screw,
-};
-use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES, PerAxis};
+use crate::error::{ChainError, InsteadConstant, NoEffect};
+use crate::pose::{Pose, Screw, rotation_about_axis};
+use crate::structure::{Side, Structure};
 
 /// Frame in which the error motions of a rotary axis are stated.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
@@ -321,5 +317,107 @@ impl State {
         coordinates: impl IntoIterator<Item = (AxisName, f64)>,
     ) -> Result<Self, ChainError> {
         Ok(Self { q: chain.by_axis(coordinates)?, ..Self::default() })
+    }
+}
+
+/// Coordinates and directions of approach of all axes of a chain, in the order of the chain.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct State {
+    /// Commanded coordinates: mm for linear axes, rad for rotary axes. Entries beyond the last axis are 0.
+    pub q: PerAxis<f64>,
+    /// Direction of the last travel of each axis, which selects the branch of a bidirectional curve. `None` is an
+    /// unknown direction, for which the mean of both branches applies.
+    pub approach: PerAxis<Option<Direction>>,
+}
+
+/// Three translations along and three rotations about the axes of the MCS.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct ErrorMotion {
+    /// Translations δ = (EXN, EYN, EZN), mm.
+    pub linear_mm: Vector3<f64>,
+    /// Rotations ε = (EAN, EBN, ECN), rad.
+    pub angular_rad: Vector3<f64>,
+}
+
+impl ErrorMotion {
+    pub const ZERO: Self =
+        Self { linear_mm: Vector3::new(0.0, 0.0, 0.0), angular_rad: Vector3::new(0.0, 0.0, 0.0) };
+
+    /// Converts errors in the order of ISO 230-1 (X, Y, Z, A, B, C): three in µm, then three in µrad.
+    pub fn from_um_urad(six: [f64; 6]) -> Self {
+        Self {
+            linear_mm: Vector3::new(six[0], six[1], six[2]) * 1e-3,
+            angular_rad: Vector3::new(six[3], six[4], six[5]) * 1e-6,
+        }
+    }
+}
+
+/// Source of the errors of all axes of a chain, by chain index.
+///
+/// Signs and frames are those of ISO 230-1 as defined in the crate documentation: an error motion is a motion of the
+/// tool side relative to the workpiece side; a location error is the displacement of the physical axis line.
+pub trait ErrorSource {
+    /// The six error motions `E?N` of an axis at a state, mm and rad, stated at the point of the axis.
+    fn error_motion(&self, axis: usize, state: &State) -> ErrorMotion;
+
+    /// The location errors `E?0N` of an axis: offset o (mm) and tilt ω (rad) of its line.
+    fn location(&self, _axis: usize) -> ErrorMotion {
+        ErrorMotion::ZERO
+    }
+
+    /// The assembly errors of an axis: offsets (mm), and angles (rad) about the MCS origin.
+    fn assembly(&self, _axis: usize) -> ErrorMotion {
+        ErrorMotion::ZERO
+    }
+}
+
+impl Default for ErrorMotion {
+    fn default() -> Self {
+        Self::ZERO
+    }
+}
+
+impl<S: ErrorSource + ?Sized> ErrorSource for &S {
+    fn error_motion(&self, axis: usize, state: &State) -> ErrorMotion {
+        (**self).error_motion(axis, state)
+    }
+    fn location(&self, axis: usize) -> ErrorMotion {
+        (**self).location(axis)
+    }
+    fn assembly(&self, axis: usize) -> ErrorMotion {
+        (**self).assembly(axis)
+    }
+}
+
+/// Unit vector in MCS of an axis letter: the direction of motion of X Y Z U V W, the axis of rotation of A B C.
+pub fn letter_direction(name: AxisName) -> Vector3<f64> {
+    let mut direction = Vector3::zeros();
+    direction[name.mcs_index()] = 1.0;
+    direction
+}
+
+/// The machine axis (0, 1 or 2 for X, Y or Z) to which a unit vector is parallel, and whether the vector points in its
+/// positive direction. `None` if the vector is parallel to none of the three.
+pub fn along_machine_axis(direction: &Vector3<f64>) -> Option<(usize, bool)> {
+    let place = direction.iter().position(|u| u.abs() > 1.0 - 1e-12)?;
+    Some((place, direction[place] > 0.0))
+}
+
+impl Joint {
+    /// Why a location error of this axis with this component has no effect; `None` if it has an effect.
+    pub fn no_effect(&self, component: Component) -> Option<NoEffect> {
+        let place = component.mcs_index();
+        let along = along_machine_axis(&self.direction);
+        let along_itself = along.is_some_and(|(along, _)| along == place);
+        let instead =
+            InsteadConstant { error: ErrorName::motion(component, self.name), side: self.side };
+        match (self.kind, component.is_angular()) {
+            (AxisKind::Linear, false) => Some(NoEffect::OffsetOfLinearAxis(instead)),
+            (AxisKind::Rotary, _) if along_itself => Some(NoEffect::AlongRotaryAxis(instead)),
+            (AxisKind::Linear, true) if along_itself => Some(NoEffect::AboutLinearAxis(instead)),
+            _ => None,
+        }
     }
 }

@@ -4,14 +4,11 @@ use arrayvec::ArrayVec;
 use nalgebra::{Vector2, Vector3};
 use volcomp_vocabulary::{AxisName, MAX_AXES, PerAxis};
 
-use crate::{
-    chain::Chain,
-    correctors::Correctors,
-    error_form::actual_pose,
-    least_norm::{LinearColumns, RotaryGram, normals},
-    pose::Pose,
-    source::{ErrorSource, State},
-};
+use crate::chain::{Chain, ErrorSource, State};
+use crate::correctors::Correctors;
+use crate::error_form::actual_pose;
+use crate::least_norm::{LinearColumns, RotaryGram, normals};
+use crate::pose::Pose;
 
 /// Options of a correction: the axes that may move and the end of the iteration.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,4 +1,5 @@
-//! Inverse kinematics of the ideal chain: coordinates for a tool tip and a tool axis in workpiece axes.
+//! Inverse kinematics of the ideal chain: coordinates for a tool tip and a tool axis in workpiece axes, and moves of
+//! linear axes that leave the tip in place, because rotary axes made these axes parallel.
 //!
 //! Linear axes do not rotate the tool. Therefore the rotary axes are determined first, from the tool axis alone, and
 //! then the linear axes from the tool tip. One rotary axis is Paden and Kahan's first subproblem, two rotary axes in
@@ -6,16 +7,13 @@
 //! Robotic Manipulation*, 1994, section 3.3.2).
 
 use arrayvec::ArrayVec;
-use nalgebra::{Matrix3, Vector3};
-
-use crate::{
-    chain::Chain,
-    correctors::Correctors,
-    math::{atan2, sqrt},
-    pose::rotation_about_axis,
-    source::State,
-};
+use nalgebra::{Matrix3, SMatrix, Vector3};
 use volcomp_vocabulary::{AxisKind, MAX_AXES, PerAxis};
+
+use crate::chain::{Chain, State};
+use crate::correctors::Correctors;
+use crate::math::{atan2, sqrt};
+use crate::pose::rotation_about_axis;
 
 /// Maximum angle between directions that are treated as parallel, rad. A rotary axis parallel to the tool axis does not
 /// rotate the tool axis.
@@ -302,7 +300,7 @@ impl Chain {
 
     /// Derivatives of the ideal tip with respect to each linear axis at the rotary angles of `state`: unit vectors in
     /// workpiece axes, zero vectors for rotary axes.
-    pub(crate) fn linear_columns(&self, state: &State) -> [Vector3<f64>; MAX_AXES] {
+    fn linear_columns(&self, state: &State) -> [Vector3<f64>; MAX_AXES] {
         let mut columns = [Vector3::zeros(); MAX_AXES];
         let mut turned = Matrix3::identity();
         for ((joint, &q), column) in self.joints().iter().zip(&state.q).zip(&mut columns) {
@@ -441,4 +439,65 @@ fn two_turns(
         }
     }
     Ok(found)
+}
+
+/// Maximum tip displacement of a dependent move, relative to the move: 1 µm per metre.
+const DEPENDENT_BELOW: f64 = 1e-6;
+/// Three sets of rotary angles, rad, at which the largest rank of the linear axes is determined: machine zero, and two
+/// sets of arbitrary angles at which no axes are parallel.
+const GENERIC_ANGLES_RAD: [[f64; MAX_AXES]; 3] = [
+    [0.0; MAX_AXES],
+    [0.37, 0.83, 1.21, 0.59, 1.07, 0.71, 1.33, 0.47, 0.97],
+    [-1.13, 0.61, -0.43, 1.27, -0.79, 0.53, -1.01, 0.89, -0.67],
+];
+
+impl Chain {
+    /// Moves of the linear axes that leave the ideal tip in place at the rotary angles of `state`. Components are in
+    /// the order of the chain, scaled so that the largest is 1. Empty if there are as many such moves at all rotary
+    /// angles, as on a machine with two axes in one direction (U parallel to X).
+    pub fn dependent_moves(&self, state: &State) -> ArrayVec<PerAxis<f64>, MAX_AXES> {
+        let found = self.moves_of_nothing(state);
+        let elsewhere = GENERIC_ANGLES_RAD.map(|q| {
+            let mut at = State::default();
+            for (at, q) in at.q.iter_mut().zip(q) {
+                *at = q;
+            }
+            self.moves_of_nothing(&at).len()
+        });
+        let [a, b, c] = elsewhere;
+        if found.len() > a.min(b).min(c) { found } else { ArrayVec::new() }
+    }
+
+    fn moves_of_nothing(&self, state: &State) -> ArrayVec<PerAxis<f64>, MAX_AXES> {
+        let columns = self.linear_columns(state);
+        let is_linear = |place: usize| {
+            let joint = self.joints().get(place);
+            joint.is_some_and(|joint| joint.kind == AxisKind::Linear)
+        };
+        // An axis that cannot move gets the separate eigenvalue 1.
+        let gram = SMatrix::<f64, MAX_AXES, MAX_AXES>::from_fn(|i, j| {
+            if is_linear(i) && is_linear(j) {
+                columns[i].dot(&columns[j])
+            } else {
+                f64::from(u8::from(i == j))
+            }
+        });
+        let eigen = gram.symmetric_eigen();
+        let mut found = ArrayVec::new();
+        for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
+            if *value >= DEPENDENT_BELOW * DEPENDENT_BELOW {
+                continue;
+            }
+            // The first component of maximum magnitude is scaled to +1.
+            let most = vector.amax();
+            let first = vector.iter().find(|move_| move_.abs() > 0.999_999 * most);
+            let scale = first.copied().unwrap_or(1.0);
+            let moves = |place: usize| {
+                let share = vector[place] / scale;
+                if share.abs() < 1e-9 { 0.0 } else { share }
+            };
+            found.push(PerAxis::from_fn(moves)); // at most one per axis
+        }
+        found
+    }
 }

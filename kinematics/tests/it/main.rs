@@ -2,15 +2,12 @@
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-mod algebra;
-mod by_name;
 mod conversions;
 mod correction;
 mod forms;
 mod given;
 mod inverse;
 mod plain;
-mod published;
 mod structures;
 
 use rand::{RngExt, SeedableRng};
