@@ -2,7 +2,7 @@
 
 use volcomp_vocabulary::ErrorName;
 
-use crate::number::range;
+use crate::text::range;
 use crate::{
     Iso230Part2, Measurement, MetrologyError, ReferenceLine, StandardQuantity,
     circular::CircularPlane, evaluate, opening,

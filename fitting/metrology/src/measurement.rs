@@ -1,8 +1,10 @@
-//! Readings of one measurement as plain data: units, metadata, environment, and means at targets.
+//! Readings of one measurement as plain data: kind of file, units, metadata, environment, means at targets, and the
+//! error motions that titles and file names state.
 
-use volcomp_vocabulary::{AxisName, Direction};
+use volcomp_document::quoted;
+use volcomp_vocabulary::{AxisKind, AxisName, Direction, ErrorName};
 
-use crate::{DeviationUnit, FileFormat, MetrologyError, Quantity, ReadingUnit, TargetUnit};
+use crate::{DeviationUnit, MetrologyError, ReadingUnit, TargetUnit};
 
 /// One reading: the deviation at one target in one run.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -291,6 +293,197 @@ impl Measurement {
                 self.unit = Some(unit.deviation_unit());
                 Ok(())
             }
+        }
+    }
+}
+
+/// A kind of measurement file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+pub enum FileFormat {
+    /// Renishaw laser, linear optics (`.rtl`).
+    RenishawLinear,
+    /// Renishaw laser, angular optics (`.rta`).
+    RenishawAngular,
+    /// Renishaw laser, straightness optics (`.rts`).
+    RenishawStraightness,
+    /// Renishaw `.REN`: an export of compensation values.
+    RenishawExport,
+    /// API laser `.pos`: means over the runs.
+    ApiPos,
+    /// Text report of a HP, Agilent or Keysight 5529 or 5530: statistics of each target.
+    KeysightReport,
+    /// Log of EPICS `camonitor`, with readings taken at the standstills of the axis.
+    Camonitor,
+    /// The plain table `target,run,direction,deviation`.
+    Table,
+    /// A table with columns assigned by a mapping file.
+    MappedTable,
+}
+
+impl FileFormat {
+    /// Key of the format in documents and scripts.
+    pub fn key(self) -> &'static str {
+        match self {
+            Self::RenishawLinear => "renishaw-linear",
+            Self::RenishawAngular => "renishaw-angular",
+            Self::RenishawStraightness => "renishaw-straightness",
+            Self::RenishawExport => "renishaw-export",
+            Self::ApiPos => "api-pos",
+            Self::KeysightReport => "keysight-report",
+            Self::Camonitor => "camonitor",
+            Self::Table => "table",
+            Self::MappedTable => "mapped-table",
+        }
+    }
+
+    /// Instrument or program that writes this format.
+    pub fn instrument(self) -> &'static str {
+        match self {
+            Self::RenishawLinear => "Renishaw laser, linear optics (.rtl)",
+            Self::RenishawAngular => "Renishaw laser, angular optics (.rta)",
+            Self::RenishawStraightness => "Renishaw laser, straightness optics (.rts)",
+            Self::RenishawExport => "compensation values exported for a control (.REN)",
+            Self::ApiPos => "API laser, means over the runs (.pos)",
+            Self::KeysightReport => "report of a HP, Agilent or Keysight 5529/5530 laser",
+            Self::Camonitor => "log of EPICS camonitor",
+            Self::Table => "table of readings",
+            Self::MappedTable => "table of readings, columns as stated",
+        }
+    }
+
+    /// Sign convention of the deviations, in words.
+    pub fn sign(self) -> &'static str {
+        match self {
+            Self::RenishawLinear | Self::ApiPos | Self::Camonitor => "measured minus target",
+            Self::RenishawAngular => "as the optics were set up; measured minus target",
+            Self::RenishawStraightness => "as the optics were set up; not proven by a real file",
+            Self::RenishawExport => "not stated: compensation values, not deviations",
+            Self::KeysightReport => {
+                "laser reading minus machine reading, positive where the axis goes too far"
+            }
+            Self::Table | Self::MappedTable => {
+                "measured minus target, unless the writer meant another"
+            }
+        }
+    }
+}
+
+/// Kind of error that the readings of a file represent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+pub enum Quantity {
+    /// Deviation along the axis.
+    Positioning,
+    /// Deviation across the axis; the file does not state which of the two directions.
+    Straightness,
+    /// Angular deviation; the file does not state about which of the three axes.
+    Angle,
+}
+
+impl Quantity {
+    pub fn key(self) -> &'static str {
+        match self {
+            Self::Positioning => "positioning",
+            Self::Straightness => "straightness",
+            Self::Angle => "angle",
+        }
+    }
+}
+
+/// Kind of an error motion with respect to its axis. It determines the method of measurement and the reference that is
+/// removed from the readings.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum MotionKind {
+    /// Deviation of the coordinate itself, such as EXX of a linear axis and ECC of a rotary axis.
+    Positioning,
+    /// Deviation of a linear axis perpendicular to its direction, such as EYX.
+    Straightness,
+    /// Angular error of a linear axis (EAX), or any error of a rotary axis except positioning (EXC, EAC).
+    Other,
+}
+
+impl MotionKind {
+    /// Kind of an error, by its component and axis. A location error has the kind of the error motion with the same
+    /// component.
+    pub fn of(error: ErrorName) -> Self {
+        let own = error.component.mcs_index() == error.axis.mcs_index();
+        match (error.axis.kind(), error.component.is_angular()) {
+            (AxisKind::Linear, false) | (AxisKind::Rotary, true) if own => Self::Positioning,
+            (AxisKind::Linear, false) => Self::Straightness,
+            _ => Self::Other,
+        }
+    }
+}
+
+/// All errors named in a text (title, location or file name), in the order of the words, in upper or lower case. `EYX
+/// at Z-150` names EYX. The location error of a squareness may be written `EC0Y` or `EC(0X)Y`.
+pub fn errors_named(text: &str) -> Vec<ErrorName> {
+    let error = |word: &str| -> Option<ErrorName> {
+        let word = word.to_ascii_uppercase();
+        // `C0Y` would also parse as an error, but in a title it may be any word.
+        word.parse().ok().filter(|_| word.starts_with('E'))
+    };
+    let words = text.split(|c: char| !(c.is_ascii_alphanumeric() || "()".contains(c)));
+    words
+        .flat_map(|word| match error(word) {
+            Some(error) => vec![error],
+            // The name may be in brackets, as in `(EXY)`, or have brackets, as in `exx(1)`.
+            None => word.split(['(', ')']).filter_map(error).collect(),
+        })
+        .collect()
+}
+
+/// The error that the title of a file names, if it names only one.
+pub fn error_in_title(measurement: &Measurement) -> Option<ErrorName> {
+    let mut named = errors_named(measurement.metadata.title.as_deref().unwrap_or_default());
+    named.dedup();
+    match named[..] {
+        [error] => Some(error),
+        _ => None,
+    }
+}
+
+/// The error other than positioning that the title names, such as a straightness, and a message: ISO 230-2 does not
+/// evaluate such a file. `None` for angles of a linear axis in µrad, which it evaluates as an angular error motion.
+pub fn not_positioning(
+    measurement: &Measurement,
+    unit: DeviationUnit,
+) -> Option<(ErrorName, String)> {
+    let error = error_in_title(measurement)?;
+    let is_angle = error.component.is_angular() && error.axis.kind() == AxisKind::Linear;
+    let what = match MotionKind::of(error) {
+        MotionKind::Positioning if !error.location => return None,
+        _ if is_angle && unit == DeviationUnit::Urad => return None,
+        MotionKind::Straightness if !error.location => "a straightness",
+        _ if is_angle => "an angle",
+        _ => "no positioning",
+    };
+    let title = quoted(measurement.metadata.title.as_deref().unwrap_or_default());
+    let message =
+        format!("found the title {title}, which names {error}, {what}; expected positioning");
+    Some((error, message))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn error_names_are_whole_words() {
+        for (text, names) in [
+            ("EXY straightness, table", "EXY"),
+            ("exx(1)-y200", "EXX"),
+            ("(EYX) and EC(0X)Y", "EYX EC0Y"),
+            ("FLEXYTHING EXQ C0Y, text", ""),
+        ] {
+            let found: Vec<String> = errors_named(text).iter().map(ToString::to_string).collect();
+            assert_eq!(found.join(" "), names, "{text}");
         }
     }
 }

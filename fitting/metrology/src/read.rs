@@ -3,16 +3,12 @@
 use std::io::Read;
 use std::path::Path;
 
-use crate::api_pos::parse_pos;
-use crate::camonitor::{ChannelLog, is_log, parse_camonitor};
+use crate::channel_log::{ChannelLog, is_log, parse_camonitor, readings_at_dwells};
 use crate::circular::looks_like_circle;
-use crate::dwell::readings_at_dwells;
-use crate::encoding::{decode, first_line};
-use crate::keysight::{is_report, parse_keysight_report};
-use crate::mapped_table::parse_table_with;
-use crate::mapping::Mapping;
-use crate::number::Place;
+use crate::laser_report::{is_report, parse_keysight_report, parse_pos};
+use crate::mapped_table::{Mapping, parse_table_with};
 use crate::renishaw::{Capture, parse_ren, parse_rtx};
+use crate::text::{Place, decode, first_line};
 use crate::{Measurement, MetrologyError, RenishawKind, parse_csv, parse_renishaw};
 use volcomp_document::quoted;
 

@@ -214,8 +214,7 @@ pub fn parse_tolerances_of(
             return Err(refuse("symbol".into(), symbol, expected.to_owned()));
         };
         let value: Option<f64> = limit.parse().ok();
-        let Some(value) = value.filter(|value| (0.0..=crate::number::LARGEST).contains(value))
-        else {
+        let Some(value) = value.filter(|value| (0.0..=crate::text::LARGEST).contains(value)) else {
             let expected = "a number of at least 0, without its unit".to_owned();
             return Err(refuse(format!("limit of {named}"), limit, expected));
         };

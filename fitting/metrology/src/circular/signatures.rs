@@ -17,7 +17,7 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 use nalgebra::{DMatrix, DVector};
 
 use super::{CircularTrace, Sense, TracePoint};
-use crate::number::range;
+use crate::text::range;
 use crate::{DeviationUnit, MetrologyError};
 
 /// Error source of a signature.

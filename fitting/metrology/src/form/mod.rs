@@ -8,19 +8,11 @@
 //!
 //! Points are in mm, in any frame. Results are in mm and rad, in the same frame.
 
-mod circle;
-mod cloud;
-mod conical;
-mod error;
-mod minimax;
-mod points;
-mod refine;
-mod straight;
+use nalgebra::{Matrix3, SymmetricEigen, Vector3};
+use volcomp_document::{Column, CsvTable};
 
-use nalgebra::Vector3;
-
-pub use error::FormError;
-pub use points::{FormPoints, parse_points};
+use crate::MetrologyError;
+use crate::unit::{not_read, unit_of};
 
 /// Maximum magnitude of a coordinate, mm.
 pub const LARGEST_MM: f64 = 1e9;
@@ -221,10 +213,237 @@ impl DatumAxis {
 /// an axis.
 pub fn evaluate_form(points_mm: &[[f64; 3]], feature: Feature) -> Result<Form, FormError> {
     match feature {
-        Feature::Circle { plane } => circle::circle(points_mm, plane),
-        Feature::Line { plane } => straight::line(points_mm, plane),
-        Feature::Plane => straight::plane(points_mm),
-        Feature::Cylinder => conical::cylinder(points_mm),
-        Feature::Cone => conical::cone(points_mm),
+        Feature::Circle { plane } => fit::circle(points_mm, plane),
+        Feature::Line { plane } => fit::line(points_mm, plane),
+        Feature::Plane => fit::plane(points_mm),
+        Feature::Cylinder => fit::cylinder(points_mm),
+        Feature::Cone => fit::cone(points_mm),
     }
 }
+
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum FormError {
+    #[error(
+        "{feature}: found {found} different points, expected at least {expected}: with fewer every form deviation is zero"
+    )]
+    TooFew {
+        feature: FeatureKind,
+        /// Number of distinct points.
+        found: usize,
+        expected: usize,
+    },
+    #[error(
+        "{feature}: point {number}: found {found} mm, expected finite coordinates of at most {} mm",
+        LARGEST_MM
+    )]
+    Coordinate {
+        feature: FeatureKind,
+        /// Number of the point, from 1.
+        number: usize,
+        found: f64,
+    },
+    /// The arrangement of the points does not determine the feature.
+    #[error("{feature}: found {found}, expected {expected}")]
+    NotDetermined { feature: FeatureKind, found: String, expected: &'static str },
+    #[error(
+        "datum axis: found the direction {i},{j},{k}, expected finite numbers that are not all zero"
+    )]
+    Direction { i: f64, j: f64, k: f64 },
+}
+
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct FormPoints {
+    /// Points in the order of the rows, mm.
+    pub points_mm: Vec<[f64; 3]>,
+    /// Line of each point in the file, from 1.
+    pub lines: Vec<usize>,
+    /// Notes on ignored columns.
+    pub notes: Vec<String>,
+}
+
+const NAMES: [&str; 3] = ["x", "y", "z"];
+
+/// Reads points from CSV text. `name` is the name of the file in messages.
+///
+/// The header has the columns `x`, `y` and `z` in any order, each alone or followed by the unit mm: `x`, `X mm`, `x
+/// [mm]`. Other columns are ignored, with a note. Cells are separated by `,`, `;` or tabs. Unless commas separate the
+/// cells, numbers may have a decimal comma.
+///
+/// # Errors
+/// A column is missing, repeated or in another unit; a cell is not a finite number of at most [`LARGEST_MM`]; or there
+/// is no row. Messages name the file, the line, the column, what was found and what was expected.
+pub fn parse_points(text: &str, name: &str) -> Result<FormPoints, MetrologyError> {
+    if text.trim().is_empty() {
+        return Err(MetrologyError::Empty {
+            file: name.into(),
+            expected: "the header `x,y,z` and one point a row, in mm".into(),
+        });
+    }
+    let table = CsvTable::parse(name, text)?;
+    let mut columns = Vec::new();
+    for wanted in NAMES {
+        columns.push(column(&table, wanted)?);
+    }
+    let mut read = FormPoints { points_mm: Vec::new(), lines: Vec::new(), notes: Vec::new() };
+    for row in table.rows() {
+        let mut point_mm = [0.0; 3];
+        for (coordinate, &column) in point_mm.iter_mut().zip(&columns) {
+            let cell = row.cell(column);
+            *coordinate = cell.number()?;
+            if coordinate.abs() > LARGEST_MM {
+                let found = cell.text();
+                let message = format!("found `{found}`, expected at most {LARGEST_MM} mm");
+                return Err(cell.error(message).into());
+            }
+        }
+        read.points_mm.push(point_mm);
+        read.lines.push(row.line());
+    }
+    if read.points_mm.is_empty() {
+        let expected = "found no row under the header, expected one point a row";
+        return Err(table.header_error(expected).into());
+    }
+    let is_read = |column: &Column| columns.contains(column);
+    let others: Vec<&str> =
+        table.names().filter(|(c, _)| !is_read(c)).map(|(_, name)| name).collect();
+    read.notes.extend(not_read(&others));
+    Ok(read)
+}
+
+fn column(table: &CsvTable, wanted: &str) -> Result<Column, MetrologyError> {
+    let mut named =
+        table.names().filter_map(|(column, head)| Some((column, head, unit_of(head, wanted)?)));
+    let Some((column, head, unit)) = named.next() else {
+        let heads: Vec<&str> = table.names().map(|(_, name)| name).collect();
+        let message = format!(
+            "found `{}`, expected columns x, y and z in mm: `{wanted}` is missing",
+            heads.join(&table.separator().to_string())
+        );
+        return Err(table.header_error(message).into());
+    };
+    if let Some((_, other, _)) = named.next() {
+        let message = format!("found columns `{head}` and `{other}`, expected one for {wanted}");
+        return Err(table.header_error(message).into());
+    }
+    if !unit.is_empty() && !unit.eq_ignore_ascii_case("mm") {
+        let message =
+            format!("found column `{head}` in {unit}, expected mm: {wanted} or {wanted}_mm");
+        return Err(table.header_error(message).into());
+    }
+    Ok(column)
+}
+
+/// Ratio of two principal extents below which the smaller extent is rounding error.
+const ROUNDING: f64 = 1e-7;
+
+/// Points minus their mean, divided by a power of two so that their extent is about 1.
+pub(super) struct Cloud {
+    mean_mm: Vector3<f64>,
+    pub(super) scale_mm: f64,
+    pub(super) points: Vec<Vector3<f64>>,
+    /// Unit vectors of the principal directions, by descending extent.
+    pub(super) directions: [Vector3<f64>; 3],
+    /// Root mean square extents along the principal directions.
+    pub(super) extents: [f64; 3],
+}
+
+impl Cloud {
+    pub(super) fn of(points_mm: &[[f64; 3]], feature: FeatureKind) -> Result<Self, FormError> {
+        for (index, point) in points_mm.iter().enumerate() {
+            if let Some(&found) = point.iter().find(|x| x.is_nan() || x.abs() > LARGEST_MM) {
+                let number = index + 1;
+                return Err(FormError::Coordinate { feature, number, found });
+            }
+        }
+        let (found, expected) = (different(points_mm), feature.fewest_points());
+        if found < expected {
+            return Err(FormError::TooFew { feature, found, expected });
+        }
+        // Differences from a nearby point keep the digits that sums of large coordinates would lose.
+        let first = Vector3::from(points_mm[0]);
+        let n = points_mm.len() as f64;
+        let from_first = points_mm.iter().map(|p| Vector3::from(*p) - first);
+        let shift = from_first.clone().sum::<Vector3<f64>>() / n;
+        let centred: Vec<Vector3<f64>> = from_first.map(|p| p - shift).collect();
+        // The points differ, so their extent is positive. Dividing by a power of two is exact.
+        let rms = (centred.iter().map(Vector3::norm_squared).sum::<f64>() / n).sqrt();
+        let scale_mm = rms.log2().ceil().exp2();
+        let points: Vec<Vector3<f64>> = centred.iter().map(|p| p / scale_mm).collect();
+        let moments: Matrix3<f64> = points.iter().map(|p| p * p.transpose()).sum();
+        let eigen = SymmetricEigen::new(moments / n);
+        let mut order = [0, 1, 2];
+        order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
+        Ok(Self {
+            mean_mm: first + shift,
+            scale_mm,
+            points,
+            directions: order.map(|k| eigen.eigenvectors.column(k).into_owned()),
+            extents: order.map(|k| eigen.eigenvalues[k].max(0.0).sqrt()),
+        })
+    }
+
+    /// Rejects collinear points, which do not determine the requested feature.
+    pub(super) fn refuse_line(
+        &self,
+        feature: FeatureKind,
+        expected: &'static str,
+    ) -> Result<(), FormError> {
+        if self.extents[1] > ROUNDING * self.extents[0] {
+            return Ok(());
+        }
+        Err(FormError::NotDetermined {
+            feature,
+            found: "points on one straight line".into(),
+            expected,
+        })
+    }
+
+    pub(super) fn refuse_plane(
+        &self,
+        feature: FeatureKind,
+        expected: &'static str,
+    ) -> Result<(), FormError> {
+        if self.extents[2] > ROUNDING * self.extents[0] {
+            return Ok(());
+        }
+        Err(FormError::NotDetermined { feature, found: "points in one plane".into(), expected })
+    }
+
+    /// Converts a scaled point to the frame of the file, mm.
+    pub(super) fn in_mm(&self, point: Vector3<f64>) -> [f64; 3] {
+        (self.mean_mm + point * self.scale_mm).into()
+    }
+}
+
+/// Two unit vectors that are perpendicular to the unit vector `w` and to each other, and form a right-handed system
+/// with it.
+pub(super) fn across(w: Vector3<f64>) -> [Vector3<f64>; 2] {
+    let helper = Vector3::ith(w.iamin(), 1.0);
+    let first = w.cross(&helper).normalize();
+    [first, w.cross(&first)]
+}
+
+/// The vector, or its opposite, so that its largest component is positive.
+pub(super) fn signed(direction: Vector3<f64>) -> Vector3<f64> {
+    let sign = if direction[direction.iamax()] < 0.0 { -1.0 } else { 1.0 };
+    // Adding 0 turns −0 into 0.
+    direction.map(|x| sign * x + 0.0)
+}
+
+pub(super) fn rms(values: impl ExactSizeIterator<Item = f64>) -> f64 {
+    let n = values.len() as f64;
+    (values.map(|x| x * x).sum::<f64>() / n).sqrt()
+}
+
+fn different(points_mm: &[[f64; 3]]) -> usize {
+    let mut sorted = points_mm.to_vec();
+    sorted.sort_by(|a, b| {
+        let by_coordinate = a.iter().zip(b).map(|(x, y)| x.total_cmp(y));
+        by_coordinate.fold(std::cmp::Ordering::Equal, std::cmp::Ordering::then)
+    });
+    sorted.dedup();
+    sorted.len()
+}
+mod fit;

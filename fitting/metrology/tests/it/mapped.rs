@@ -456,14 +456,14 @@ fn a_mapping_file_next_to_a_table_is_used() {
     assert_eq!(read_file(&log).unwrap().readings.len(), 6);
     write("x.log.toml", "[columns]\ntarget = 1\ndeviation = 2\n");
     assert!(matches!(read_file(&log), Err(MetrologyError::WrongMapping { .. })));
-    let report = write("r.txt", crate::other_lasers::REPORT);
+    let report = write("r.txt", crate::lasers::REPORT);
     assert!(read_file(&report).is_ok());
-    let pos = write("r.POS", crate::other_lasers::POS);
+    let pos = write("r.POS", crate::lasers::POS);
     assert!(read_file(&pos).is_ok());
-    let ren = write("r.REN", crate::other_lasers::REN);
+    let ren = write("r.REN", crate::lasers::REN);
     assert!(read_file(&ren).is_ok());
     let rtx = folder.path().join("r.rtx");
-    std::fs::write(&rtx, crate::other_lasers::rtx("", &[1.0, 2.0], b"EOF::\r\n")).unwrap();
+    std::fs::write(&rtx, crate::lasers::rtx("", &[1.0, 2.0], b"EOF::\r\n")).unwrap();
     let message = read_file(&rtx).unwrap_err().to_string();
     assert!(message.contains("a dynamic capture of 2 samples"), "{message}");
     assert!(read_file(&write("r.txt", "hello\n")).is_err());

@@ -1,22 +1,194 @@
-//! Tables with a column for each run give the same readings as tables with a row for each reading.
+//! Tests of plain tables with a row for each reading, and of tables with a column for each run.
 
 use std::fmt::Write;
 
 use volcomp_metrology::{
-    DeviationUnit, Direction, Measurement, MetrologyError, Reading, ReadingUnit, parse_csv,
+    DeviationUnit, Measurement, MetrologyError, Reading, ReadingUnit, parse_csv, write_csv,
 };
+use volcomp_vocabulary::Direction;
 
 fn csv(text: &str) -> Result<Measurement, MetrologyError> {
     parse_csv(text.as_bytes(), "x.csv")
 }
 
+const BIDIRECTIONAL: &str = "target,run,direction,deviation
+-10.5,1,+,1.25
+0,1,+,2.50
+10,1,+,-3.75
+10,1,-,-2.25
+0,1,-,3.00
+-10.5,1,-,4.25
+";
+
+#[test]
+fn a_table_is_read_without_changes() {
+    let m = csv(BIDIRECTIONAL).unwrap();
+    assert_eq!((m.unit, m.readings.len(), m.notes.len()), (None, 6, 0));
+    assert_eq!(m.targets(), [-10.5, 0.0, 10.0]);
+    assert_eq!(m.mean_at(-10.5, Direction::Negative), Some(4.25));
+    let spaced = BIDIRECTIONAL.replace(',', " , ").replace('\n', "\r\n\r\n");
+    assert_eq!(
+        csv(&format!("\u{feff}{}", spaced.replace("target", "Target"))).unwrap().readings,
+        m.readings
+    );
+}
+
+#[test]
+fn two_columns_are_one_forward_run() {
+    let m = csv("target,deviation\n0,1\n\"10\",2e-1\n").unwrap();
+    assert_eq!(m.mean_curve(), [(0.0, 1.0), (10.0, 0.2)]);
+    assert_eq!((m.runs(Direction::Positive), m.has(Direction::Negative)), (vec![1], false));
+}
+
+/// Tables of spreadsheets (semicolons or tabs, decimal commas, other order of columns) give the same readings as plain
+/// tables.
+#[test]
+fn spreadsheet_exports_are_read_like_plain_tables() {
+    let expected = csv(BIDIRECTIONAL).unwrap();
+    let semicolons = BIDIRECTIONAL.replace(',', ";").replace('.', ",");
+    let tabs = BIDIRECTIONAL.replace(',', "\t");
+    let marked = format!("sep=;\r\n{}", semicolons.replace('\n', "\r\n"));
+    for text in [&semicolons, &tabs, &marked] {
+        let m = csv(text).unwrap();
+        assert_eq!((m.readings, m.notes), (expected.readings.clone(), vec![]));
+    }
+    let other_order = "Deviation;Target;degC\n1,25;-10,5;20,1\n2,5;0;20,2\n";
+    let m = csv(other_order).unwrap();
+    assert_eq!(m.mean_curve(), [(-10.5, 1.25), (0.0, 2.5)]);
+    assert_eq!(m.notes, ["columns that are not read: degC"]);
+}
+
+#[test]
+fn units_in_the_header_are_read() {
+    for (text, unit) in [
+        ("target mm;deviation um\n0;1.5\n10;2.5\n", DeviationUnit::Um),
+        ("target_mm,deviation_um\n0,1.5\n10,2.5\n", DeviationUnit::Um),
+        ("target_mm,deviation (microns)\n0,1.5\n10,2.5\n", DeviationUnit::Um),
+        ("target [mm],deviation [µm]\n0,1.5\n10,2.5\n", DeviationUnit::Um),
+        ("target,deviation mm\n0,0.0015\n10,0.0025\n", DeviationUnit::Um),
+        (
+            "target in,deviation inch\n0,0.00005905511811\n0.393700787402,0.0000984251968504\n",
+            DeviationUnit::Um,
+        ),
+        ("target deg,deviation (mrad)\n0,0.0015\n10,0.0025\n", DeviationUnit::Urad),
+    ] {
+        let m = csv(text).unwrap();
+        assert_eq!((m.unit, m.notes.len()), (Some(unit), 0), "{text}");
+        for ((target, found), (expected_at, expected)) in
+            m.mean_curve().into_iter().zip([(0.0, 1.5), (10.0, 2.5)])
+        {
+            assert!((target - expected_at).abs() < 1e-9, "{text}: {target}");
+            assert!((found - expected).abs() < 1e-9, "{text}: {found}");
+        }
+    }
+    let refused = |text: &str| csv(text).unwrap_err().to_string();
+    insta::assert_snapshot!(refused("target feet,deviation\n0,1\n"), @"x.csv:1: header: found targets in `feet`, expected mm, inch or deg: `target`, `target mm`, `target inch` or `target deg`");
+    insta::assert_snapshot!(refused("target,deviation inch\n0,0\n10,0.0004\n"), @"x.csv:1: header: found deviations in inches and targets without a unit, expected `target inch`, `target mm` or `target deg`");
+    insta::assert_snapshot!(refused("target,deviation thou\n0,1\n"), @"x.csv:1: header: found deviations in `thou`, expected one of µm, mm, nm, inch, µrad, mrad, rad, arcsec, deg: `deviation µm`");
+    insta::assert_snapshot!(refused("target_mm,run,direction,deviation_mils\n0,1,+,1\n"), @"x.csv:1: header: found deviations in `mils`, expected one of µm, mm, nm, inch, µrad, mrad, rad, arcsec, deg: `deviation µm`");
+    insta::assert_snapshot!(refused("target,target mm,deviation\n0,0,1\n"), @"x.csv:1: header: column `target` appears twice");
+}
+
+/// Among numbers with decimal commas, `1.234` could mean 1234. It is rejected with its line.
+#[test]
+fn a_point_among_decimal_commas_is_refused() {
+    let error = csv("target;deviation\n0;1,5\n1.234;2,5\n").unwrap_err();
+    insta::assert_snapshot!(error, @"x.csv:3: target: found `1.234`, expected a number with a decimal comma as in line 2");
+    assert!(matches!(error, MetrologyError::Table(_)));
+}
+
+#[test]
+fn written_tables_read_back_exactly() {
+    let text = "target,run,direction,deviation\n0.1,1,+,0.30000000000000004\n-7.25,3,-,-123456.789012345\n";
+    let m = csv(text).unwrap();
+    assert_eq!(write_csv(&m), text);
+}
+
+#[test]
+fn written_tables_state_their_units() {
+    let mut m = csv("target,run,direction,deviation\n0,1,+,1.5\n").unwrap();
+    for (axis, unit, head) in [
+        ("X", DeviationUnit::Um, "target_mm,run,direction,deviation_um"),
+        ("C", DeviationUnit::Urad, "target_deg,run,direction,deviation_urad"),
+        ("", DeviationUnit::Urad, "target,run,direction,deviation_urad"),
+    ] {
+        m.metadata.axis = Some(axis.to_owned());
+        m.unit = Some(unit);
+        let text = write_csv(&m);
+        assert_eq!(text, format!("{head}\n0,1,+,1.5\n"));
+        let again = csv(&text).unwrap();
+        assert_eq!((again.unit, &again.readings), (Some(unit), &m.readings));
+        assert_eq!(again.notes, Vec::<String>::new());
+    }
+}
+
+#[test]
+fn incomplete_or_suspicious_tables_are_noted() {
+    let notes = |text: &str| csv(text).unwrap().notes.join("\n");
+    let unfinished = BIDIRECTIONAL.trim_end();
+    insta::assert_snapshot!(notes(unfinished), @"the last line does not end in a line break: the file may be cut off");
+    let lacking = BIDIRECTIONAL.replace("10,1,-,-2.25\n", "") + "0,2,+,1\n";
+    insta::assert_snapshot!(notes(&lacking), @r"
+    run 2 + holds 1 of 3 targets
+    run 1 - holds 2 of 3 targets
+    2 runs forward, 1 backward
+    not all runs hold all targets: for curves the runs are aligned at common targets, by their offsets and for straightness also by their slopes; ISO 230-2 uses the readings as they are
+    ");
+    let zeros = BIDIRECTIONAL.replace("-2.25", "0").replace("3.00", "0").replace("4.25", "0");
+    insta::assert_snapshot!(notes(&zeros), @"every backward reading is exactly 0: if the test was unidirectional, leave those rows out");
+}
+
+/// A truncated table is rejected or noted. The exception is a table that ends after a complete row of its first run,
+/// which cannot be recognised as truncated.
+#[test]
+fn a_table_cut_anywhere_is_refused_or_noted() {
+    for cut in 0..BIDIRECTIONAL.len() {
+        let text = &BIDIRECTIONAL[..cut];
+        let lines = text.lines().count();
+        let in_the_first_run = text.ends_with('\n') && (2..=4).contains(&lines);
+        match csv(text) {
+            Ok(m) => assert!(in_the_first_run || !m.notes.is_empty(), "{text:?}"),
+            Err(_) => assert!(!in_the_first_run),
+        }
+    }
+    let inside_the_last_number = BIDIRECTIONAL.len() - 2;
+    let error = csv(&BIDIRECTIONAL[..inside_the_last_number]).unwrap_err();
+    assert!(matches!(error, MetrologyError::Truncated(_)));
+}
+
+#[test]
+fn targets_are_in_the_unit_of_their_axis() {
+    for (head, fits_x, fits_c) in [
+        ("target", true, true),
+        ("target_mm", true, false),
+        ("Target [deg]", false, true),
+        ("target °", false, true),
+    ] {
+        let text = format!("{head},deviation\n0,1\n10,2\n");
+        let measurement = parse_csv(text.as_bytes(), "m.csv").unwrap();
+        for (axis, fits) in [("X", fits_x), ("C", fits_c)] {
+            let checked = measurement.check_targets(axis.parse().unwrap());
+            assert_eq!(checked.is_ok(), fits, "{head} {axis}");
+        }
+    }
+    let measurement = parse_csv(b"target deg,deviation\n0,1\n", "m.csv").unwrap();
+    assert_eq!(
+        measurement.check_targets("X".parse().unwrap()).unwrap_err().to_string(),
+        "m.csv: the head of the targets: found `target deg`, expected `target` or `target mm` for axis X"
+    );
+}
+
+fn wide_csv(text: &str) -> Result<Measurement, MetrologyError> {
+    parse_csv(text.as_bytes(), "x.csv")
+}
+
 fn refused(text: &str) -> String {
-    csv(text).expect_err("refused").to_string()
+    wide_csv(text).expect_err("refused").to_string()
 }
 
 /// Readings sorted by direction, then run, then target.
 fn sorted(text: &str) -> Vec<Reading> {
-    let mut readings = csv(text).unwrap_or_else(|error| panic!("{error}\n{text}")).readings;
+    let mut readings = wide_csv(text).unwrap_or_else(|error| panic!("{error}\n{text}")).readings;
     readings.sort_by(|a, b| {
         let key = |r: &Reading| (r.direction == Direction::Negative, r.run);
         key(a).cmp(&key(b)).then(a.target.total_cmp(&b.target))
@@ -72,7 +244,7 @@ fn deviations_in_columns() {
     // Runs without numbers are counted; columns that are not read are noted.
     let text = "target mm;fwd µm;bwd µm;fwd µm;bwd µm;mean fwd\n0;0,5;4,5;0,25;4,75;1\n100;-2,5;1,5;-2,25;1,25;1\n200;3,25;7,25;3;7,5;1\n";
     same(text);
-    assert_eq!(csv(text).unwrap().notes, ["columns that are not read: mean fwd"]);
+    assert_eq!(wide_csv(text).unwrap().notes, ["columns that are not read: mean fwd"]);
 }
 
 /// Measured positions (target + deviation) in mm, inches or degrees are converted to deviations.
@@ -82,7 +254,7 @@ fn measured_positions_in_columns() {
         let mut text = format!("{heads}\n");
         for (index, target) in [0.0, 100.0, 200.0].into_iter().enumerate() {
             let deviations =
-                [0, 3, 6, 9].map(|pass| csv(LONG).unwrap().readings[pass + index].deviation);
+                [0, 3, 6, 9].map(|pass| wide_csv(LONG).unwrap().readings[pass + index].deviation);
             let cells = deviations.map(|um| format!("{:.12}", (target + um * 1e-3) / mm_per_unit));
             writeln!(text, "{:.12},{}", target / mm_per_unit, cells.join(",")).expect("a string");
         }
@@ -91,7 +263,7 @@ fn measured_positions_in_columns() {
     let runs = "Run 1 fwd,Run 1 bwd,Run 2 fwd,Run 2 bwd";
     let mm = written(&format!("Target (mm),{runs}"), 1.0);
     same(&mm);
-    let read = csv(&mm).unwrap();
+    let read = wide_csv(&mm).unwrap();
     assert_eq!(
         (read.stated, read.unit.map(DeviationUnit::key)),
         (Some(ReadingUnit::Mm), Some("um"))
@@ -106,9 +278,9 @@ fn measured_positions_in_columns() {
     let stated = runs.replace("wd", "wd measured mm");
     let stated = written(&format!("target,{stated}"), 1.0);
     same(&stated);
-    assert_eq!(csv(&stated).unwrap().notes, Vec::<String>::new());
+    assert_eq!(wide_csv(&stated).unwrap().notes, Vec::<String>::new());
     // 90.001° at target 90°: the deviation of 0.001° is 17.4533 µrad.
-    let read = csv("target deg,fwd\n0,0\n90,90.001\n").unwrap();
+    let read = wide_csv("target deg,fwd\n0,0\n90,90.001\n").unwrap();
     assert_eq!(read.unit.map(DeviationUnit::key), Some("urad"));
     assert!((read.readings[1].deviation - 1e3_f64.to_radians()).abs() < 1e-9);
     // Deviations in mm, inches and arcsec are small relative to the targets.
@@ -117,7 +289,7 @@ fn measured_positions_in_columns() {
         ("target inch,fwd inch\n0,0\n4,0.0001\n", 2.54),
         ("target deg,fwd arcsec\n0,0\n90,2\n", 2e6_f64.to_radians() / 3600.0),
     ] {
-        let found = csv(text).unwrap().readings[1].deviation;
+        let found = wide_csv(text).unwrap().readings[1].deviation;
         assert!((found - expected).abs() < 1e-9, "{text}: {found}");
     }
 }
@@ -125,7 +297,7 @@ fn measured_positions_in_columns() {
 #[test]
 fn a_missing_reading_is_left_out() {
     let lacking = WIDE.replace("100,-2.5,1.5", "100,,1.5");
-    let read = csv(&lacking).unwrap();
+    let read = wide_csv(&lacking).unwrap();
     assert_eq!(read.readings.len(), 11);
     assert!(read.notes.join("\n").contains("run 1 + holds 2 of 3 targets"), "{:?}", read.notes);
 }
@@ -136,7 +308,7 @@ fn directions_in_words() {
         [["forward", "backward"], ["Fwd", "Bwd"], ["f", "r"], ["FW", "rev"], ["up", "down"]]
     {
         let text = LONG.replace(",+,", &format!(",{up},")).replace(",-,", &format!(",{down},"));
-        assert_eq!(csv(&text).unwrap().readings, csv(LONG).unwrap().readings);
+        assert_eq!(wide_csv(&text).unwrap().readings, wide_csv(LONG).unwrap().readings);
     }
     assert_eq!(
         refused(&LONG.replace(",+,", ",left,")),
@@ -200,15 +372,15 @@ fn positions_that_are_shifted_are_refused() {
         "0,0.004\n100,100.002\n200,799.999\n300,300.001\n400,400.003\n",
     ] {
         assert_eq!(refused(&format!("target mm,fwd\n{rows}")), message);
-        assert!(csv(&format!("target mm,fwd deviation\n{rows}")).is_ok(), "{rows}");
+        assert!(wide_csv(&format!("target mm,fwd deviation\n{rows}")).is_ok(), "{rows}");
     }
     // Large deviations in µm are accepted.
     for rows in ["0,0\n10,40\n20,-35\n30,20\n40,5\n", "0,0\n100,40\n200,80\n300,120\n400,160\n"] {
-        let read = csv(&format!("target mm,fwd\n{rows}")).unwrap();
+        let read = wide_csv(&format!("target mm,fwd\n{rows}")).unwrap();
         assert_eq!((read.unit, read.readings[1].deviation), (None, 40.0));
     }
     // Two of three readings happen to be as far apart as their targets.
-    let read = csv("target mm,fwd\n0,3\n10,13.5\n20,5\n").unwrap();
+    let read = wide_csv("target mm,fwd\n0,3\n10,13.5\n20,5\n").unwrap();
     assert_eq!((read.unit, read.readings[1].deviation), (None, 13.5));
 }
 
@@ -218,7 +390,7 @@ fn inches_need_the_unit_of_the_targets() {
     let message = "x.csv:1: header: found deviations in inches and targets without a unit, expected `target inch`, `target mm` or `target deg`";
     for head in ["deviation inch", "fwd inch", "fwd deviation inch", "fwd measured inch"] {
         assert_eq!(refused(&format!("target,{head}\n0,0\n4,0.0001\n")), message);
-        assert!(csv(&format!("target inch,{head}\n0,0\n4,0.0001\n")).is_ok(), "{head}");
+        assert!(wide_csv(&format!("target inch,{head}\n0,0\n4,0.0001\n")).is_ok(), "{head}");
     }
 }
 
@@ -230,7 +402,7 @@ fn unknown_signs_are_refused() {
         let message = refused(&format!("target deg,{head}\n0,0\n90,2\n"));
         assert!(message.starts_with("x.csv:1: header: found "), "{message}");
     }
-    assert_eq!(csv("target deg,#1: fwd (arcsec)\n0,0\n90,2\n").unwrap().notes, [""; 0]);
+    assert_eq!(wide_csv("target deg,#1: fwd (arcsec)\n0,0\n90,2\n").unwrap().notes, [""; 0]);
 }
 
 /// A hyphen means the backward direction only if another column has a plus sign; a hyphen between words has no meaning.
@@ -245,7 +417,7 @@ fn a_hyphen_is_a_direction_beside_a_plus_alone() {
             "{message}"
         );
     }
-    let read = csv("target mm,+,-\n0,0,1\n100,2,1\n").unwrap();
+    let read = wide_csv("target mm,+,-\n0,0,1\n100,2,1\n").unwrap();
     assert_eq!(read.readings[1].direction, Direction::Negative);
 }
 
@@ -253,13 +425,13 @@ fn a_hyphen_is_a_direction_beside_a_plus_alone() {
 #[test]
 fn reversal_values_are_no_run() {
     for heads in ["fwd,bwd", "Run 1 fwd,Run 1 bwd"] {
-        let read = csv(&format!("target mm,{heads},B\n0,1,3,-2\n100,1,3,-2\n")).unwrap();
+        let read = wide_csv(&format!("target mm,{heads},B\n0,1,3,-2\n100,1,3,-2\n")).unwrap();
         assert_eq!(read.readings.len(), 4);
         assert_eq!(read.notes, ["columns that are not read: B"]);
     }
     // Beside F1 and B1, too, and beside R1 f: there R means run.
     for heads in ["F1,B1", "R1 f,R1 r"] {
-        let read = csv(&format!("target mm,{heads},B\n0,1,3,-2\n100,1,3,-2\n")).unwrap();
+        let read = wide_csv(&format!("target mm,{heads},B\n0,1,3,-2\n100,1,3,-2\n")).unwrap();
         assert_eq!(read.readings.len(), 4, "{heads}");
         assert_eq!(read.notes, ["columns that are not read: B"]);
     }
@@ -272,7 +444,8 @@ fn repeatabilities_and_position_numbers_are_no_runs() {
         let message =
             refused(&format!("target mm,Mean fwd,Mean bwd,{fwd},{bwd}\n0,1,3,2,2\n100,1,3,2,2\n"));
         assert!(message.contains("or a column for each run"), "{message}");
-        let read = csv(&format!("target mm,+,-,{fwd},{bwd}\n0,1,3,2,2\n100,1,3,2,2\n")).unwrap();
+        let read =
+            wide_csv(&format!("target mm,+,-,{fwd},{bwd}\n0,1,3,2,2\n100,1,3,2,2\n")).unwrap();
         assert_eq!(read.readings.len(), 4);
         assert_eq!(read.notes, [format!("columns that are not read: {fwd}, {bwd}")]);
     }
@@ -281,9 +454,9 @@ fn repeatabilities_and_position_numbers_are_no_runs() {
         refused("target mm,Rev,forward,reverse\n0,1,1,3\n100,1,1,3\n"),
         "x.csv:1: header: found `reverse`, expected a number in the heads of the runs, or the same head for all in a direction"
     );
-    let read = csv("Pos.,target mm,fwd,bwd\n1,0,1,3\n2,100,1,3\n").unwrap();
+    let read = wide_csv("Pos.,target mm,fwd,bwd\n1,0,1,3\n2,100,1,3\n").unwrap();
     assert_eq!(read.readings.len(), 4);
-    assert_eq!(csv("target mm,pos,neg\n0,1,3\n100,1,3\n").unwrap().readings.len(), 4);
+    assert_eq!(wide_csv("target mm,pos,neg\n0,1,3\n100,1,3\n").unwrap().readings.len(), 4);
 }
 
 /// Runs numbered from 0 are rejected, because the first run would be lost.
