@@ -2,12 +2,8 @@
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-mod absurd;
 mod closed_forms;
 mod every_curve;
-mod fields;
-mod moving_least_squares;
 mod refusals;
-mod scipy;
 #[cfg(feature = "serde")]
 mod serialised;

@@ -1,7 +1,12 @@
+//! Invalid numbers are rejected. Arbitrary numbers give an error, or a curve that can be evaluated at any coordinate.
+
+use proptest::collection::vec;
+use proptest::prelude::*;
 use volcomp_curve::{
-    BSpline, Chebyshev, Curve, CurveError, ErrorCurve, Fourier, Grid, MovingLeastSquares,
-    Polynomial, Table,
+    BSpline, Chebyshev, Curve, CurveError, ErrorCurve, Field, Fourier, Grid, MovingLeastSquares,
+    Polynomial, Table, first_order_lag, first_order_lag_of_ramp,
 };
+use volcomp_vocabulary::Direction;
 
 fn refused<T: std::fmt::Debug>(built: Result<T, CurveError>, message: &str) {
     assert_eq!(built.unwrap_err().to_string(), message);
@@ -137,4 +142,179 @@ fn grids() {
         Grid::new([0, 1], nodes(), bad),
         "grid value in column 2 is NaN: expected a finite number",
     );
+}
+
+fn number() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        any::<f64>(),
+        -10.0..10.0_f64,
+        (0..4_u8).prop_map(f64::from),
+        Just(f64::NAN),
+        Just(f64::INFINITY),
+        Just(f64::MAX),
+        Just(f64::MIN_POSITIVE),
+    ]
+}
+
+fn count() -> impl Strategy<Value = usize> {
+    prop_oneof![0..10_usize, any::<usize>()]
+}
+
+/// Increasing nodes that constructors accept, with extreme values and gaps.
+fn nodes() -> impl Strategy<Value = Vec<[f64; 2]>> {
+    let rising = vec((prop_oneof![1e-300..1e-9, 0.1..10.0, 1e9..1e306_f64], number()), 0..12);
+    let rising = rising.prop_map(|gaps| {
+        let mut x = -5.0;
+        gaps.into_iter()
+            .map(|(gap, value)| {
+                x += gap;
+                [x, value]
+            })
+            .collect()
+    });
+    prop_oneof![rising, vec((number(), number()).prop_map(|(x, u)| [x, u]), 0..6)]
+}
+
+fn curve() -> impl Strategy<Value = Result<Curve, CurveError>> {
+    let list = || vec(number(), 0..12);
+    let domain = || prop_oneof![Just([-5.0, 5.0]), [number(), number()]];
+    prop_oneof![
+        number().prop_map(Curve::constant),
+        (list(), domain()).prop_map(|(c, d)| Polynomial::new(c, d).map(Curve::from)),
+        (list(), domain()).prop_map(|(c, d)| Chebyshev::new(c, d).map(Curve::from)),
+        (list(), number(), domain()).prop_map(|(c, p, d)| Fourier::new(c, p, d).map(Curve::from)),
+        nodes().prop_map(|n| Table::linear(n).map(Curve::from)),
+        nodes().prop_map(|n| Table::cubic(n).map(Curve::from)),
+        (list(), list(), count(), any::<bool>()).prop_map(
+            |(mut knots, coefficients, degree, sorted)| {
+                if sorted {
+                    knots.sort_by(f64::total_cmp);
+                    knots.resize(coefficients.len() + degree.min(9) + 1, 99.0);
+                }
+                BSpline::new(knots, coefficients, degree).map(Curve::from)
+            }
+        ),
+        (nodes(), count(), number(), number()).prop_map(|(n, order, support, shape)| {
+            MovingLeastSquares::new(n, order, support, shape).map(Curve::from)
+        }),
+    ]
+}
+
+fn ask(curve: &Curve, x: f64) {
+    let _ = (curve.value(x), curve.derivative(x), curve.contains(x));
+    let _ = (curve.domain(), curve.breakpoints(), curve.kind());
+    if let Curve::MovingLeastSquares(mls) = curve {
+        let _ = (mls.influence(x, 0), mls.influence(x, usize::MAX), mls.half_width());
+    }
+}
+
+proptest! {
+    #[test]
+    fn any_curve_evaluates_at_any_number(
+        curve in curve(), x in number(), factor in number(), shift in number(), reversal in number(),
+        own in count(), with_respect_to in count(), coordinates in vec(number(), 0..4),
+    ) {
+        let Ok(curve) = curve else { return Ok(()) };
+        ask(&curve, x);
+        for end in curve.domain().unwrap_or_default() {
+            ask(&curve, end);
+        }
+        let changed = curve.clone().scaled(factor).offset(shift);
+        ask(&changed, x);
+        let field = Field::from(curve);
+        let _ = field.contains(own, &coordinates);
+        let pair = ErrorCurve::Pair { forward: field.clone(), backward: changed.into() };
+        let mut all = vec![ErrorCurve::from(field.clone()), pair];
+        all.extend(ErrorCurve::with_reversal(field, reversal));
+        for curve in all {
+            for branch in [None, Some(Direction::Positive), Some(Direction::Negative)] {
+                let _ = curve.value(own, &coordinates, branch);
+                let _ = curve.partial(with_respect_to, own, &coordinates, branch);
+            }
+            let _ = (curve.contains(own, &coordinates), curve.is_finite());
+        }
+    }
+
+    #[test]
+    fn any_grid_is_made_or_refused(
+        axes in [count(), count()], a in vec(number(), 0..4), b in vec(number(), 0..4), sorted in any::<bool>(),
+        values in vec(vec(number(), 0..4), 0..4), coordinates in vec(number(), 0..4),
+    ) {
+        let (mut a, mut b) = (a, b);
+        if sorted {
+            a.sort_by(f64::total_cmp);
+            b.sort_by(f64::total_cmp);
+        }
+        let values = if sorted { vec![vec![1.0; b.len()]; a.len()] } else { values };
+        if let Ok(grid) = Grid::new(axes, [a, b], values) {
+            let _ = (grid.value(&coordinates), grid.contains(&coordinates), grid.domain());
+            let _ = (grid.partial(axes[0], &coordinates), grid.partial(axes[1], &coordinates));
+        }
+    }
+
+    /// The lagged value lies between its previous value and the input, and two half steps equal one step.
+    #[test]
+    fn a_lag_moves_towards_its_input(
+        before in -50.0..50.0_f64, input in -50.0..50.0_f64, dt in 0.0..1e4_f64, lag in 0.0..1e4_f64,
+    ) {
+        let after = first_order_lag(before, input, dt, lag);
+        prop_assert!((before.min(input) - 1e-9..=before.max(input) + 1e-9).contains(&after));
+        let half = first_order_lag(before, input, dt / 2.0, lag);
+        let twice = first_order_lag(half, input, dt / 2.0, lag);
+        prop_assert!((twice - after).abs() < 1e-9);
+    }
+
+    /// The lagged value lies within the range of its previous value and the ends of the ramp, and two half ramps equal
+    /// one ramp.
+    #[test]
+    fn a_lag_follows_a_ramp(
+        before in -50.0..50.0_f64, from in -50.0..50.0_f64, to in -50.0..50.0_f64, dt in 0.0..1e4_f64, lag in 0.0..1e4_f64,
+    ) {
+        let after = first_order_lag_of_ramp(before, from, to, dt, lag);
+        let all = [before, from, to];
+        let (low, high) = (all.into_iter().fold(50.0, f64::min), all.into_iter().fold(-50.0, f64::max));
+        prop_assert!((low - 1e-9..=high + 1e-9).contains(&after));
+        let middle = 0.5 * (from + to);
+        let half = first_order_lag_of_ramp(before, from, middle, dt / 2.0, lag);
+        let twice = first_order_lag_of_ramp(half, middle, to, dt / 2.0, lag);
+        prop_assert!((twice - after).abs() < 1e-9);
+        let held = first_order_lag_of_ramp(before, to, to, dt, lag);
+        prop_assert!((held - first_order_lag(before, to, dt, lag)).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_lag_accepts_any_number(before in number(), input in number(), dt in number(), lag in number()) {
+        let _ = first_order_lag(before, input, dt, lag);
+        let _ = first_order_lag_of_ramp(before, input, before, dt, lag);
+    }
+}
+
+/// After one time constant, the lagged value has reached 1 − 1/e of a step. Negative time steps count as 0.
+#[test]
+fn a_lag_in_closed_form() {
+    let reached = first_order_lag(20.0, 30.0, 600.0, 600.0);
+    assert!((reached - (30.0 - 10.0 * (-1.0_f64).exp())).abs() < 1e-12);
+    assert_eq!(first_order_lag(20.0, 30.0, 1.0, 0.0), 30.0);
+    for dt in [-5.0, f64::NAN, 0.0] {
+        assert_eq!(first_order_lag(20.0, 30.0, dt, 600.0), 20.0);
+    }
+}
+
+/// On a ramp much longer than the time constant, the lagged value trails by slope × time constant. Many short steps
+/// equal one long step.
+#[test]
+fn a_lag_of_a_ramp_in_closed_form() {
+    let behind = first_order_lag_of_ramp(20.0, 20.0, 50.0, 3e4, 600.0);
+    assert!((behind - (50.0 - 1e-3 * 600.0)).abs() < 1e-12, "{behind}");
+    let (mut stepped, parts) = (22.0, 30_000);
+    for part in 0..parts {
+        let middle = 20.0 + 10.0 * (f64::from(part) + 0.5) / f64::from(parts);
+        stepped = first_order_lag(stepped, middle, 300.0 / f64::from(parts), 120.0);
+    }
+    let at_once = first_order_lag_of_ramp(22.0, 20.0, 30.0, 300.0, 120.0);
+    assert!((stepped - at_once).abs() < 1e-7, "{stepped} {at_once}");
+    assert_eq!(first_order_lag_of_ramp(20.0, 25.0, 30.0, 1.0, 0.0), 30.0);
+    for dt in [-5.0, f64::NAN, 0.0] {
+        assert_eq!(first_order_lag_of_ramp(20.0, 25.0, 30.0, dt, 600.0), 20.0);
+    }
 }
