@@ -5,8 +5,8 @@ use rand_chacha::ChaCha8Rng;
 use volcomp_curve::Curve;
 
 use crate::bspline::Problem;
-use crate::candidates::{Candidate, of_method};
-use crate::statistics::student_95;
+use crate::choose::{Candidate, of_method};
+use crate::readings::student_95;
 use crate::{FitError, Method, readings};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,9 +1,13 @@
-use nalgebra::DMatrix;
-use volcomp_curve::{Chebyshev, Polynomial};
+//! Fits of polynomials and Fourier series, and tables of mean readings.
 
-use crate::least_squares::{Nested, Solution};
-use crate::readings::Target;
-use crate::{Fit, FitError, readings};
+use std::f64::consts::TAU;
+
+use nalgebra::DMatrix;
+use volcomp_curve::{Chebyshev, CurveError, Fourier, Polynomial, Table};
+
+use crate::fit::{Nested, Solution};
+use crate::readings::{self, Target};
+use crate::{Fit, FitError};
 
 /// Fits a Chebyshev series of this order on `domain` by least squares (Householder QR).
 ///
@@ -67,7 +71,7 @@ fn series(
     readings::check_domain(x, domain)?;
     let needed = order.saturating_add(1);
     readings::require(&readings::targets(x, u), needed, PURPOSE)?;
-    let nested = nested(&readings::counted(x, u), order, domain);
+    let nested = nested_chebyshev(&readings::counted(x, u), order, domain);
     let coefficients = order + 1;
     let solution = nested.solution(coefficients).ok_or(FitError::Undetermined { coefficients })?;
     Ok((Chebyshev::new(solution.coefficients.clone(), domain)?, solution))
@@ -76,7 +80,7 @@ fn series(
 const PURPOSE: &str = "a polynomial of this order";
 
 /// Least-squares solutions of the Chebyshev series of all orders up to `order`.
-pub(crate) fn nested(targets: &[Target], order: usize, domain: [f64; 2]) -> Nested {
+pub(crate) fn nested_chebyshev(targets: &[Target], order: usize, domain: [f64; 2]) -> Nested {
     Nested::new(chebyshev_matrix(targets, order, domain), targets)
 }
 
@@ -111,3 +115,81 @@ fn powers(series: &Chebyshev) -> Vec<f64> {
     }
     b1
 }
+
+/// Fits a Fourier series with `order` harmonics of the period by least squares.
+///
+/// # Errors
+/// Unequal lengths, numbers that are not finite, a period that is not positive, targets outside the domain, or targets
+/// whose phases do not determine the `2 order + 1` coefficients.
+pub fn fit_fourier(
+    x: &[f64],
+    u: &[f64],
+    order: usize,
+    period: f64,
+    domain: [f64; 2],
+) -> Result<Fit, FitError> {
+    readings::check(x, u)?;
+    Fourier::new(vec![0.0], period, domain)?;
+    readings::check_domain(x, domain)?;
+    let coefficients = order.saturating_mul(2).saturating_add(1);
+    readings::require(&readings::targets(x, u), coefficients, "this many harmonics")?;
+    let nested = nested_fourier(&readings::counted(x, u), order, period);
+    let solution = nested.solution(coefficients).ok_or(FitError::Undetermined { coefficients })?;
+    let curve = Fourier::new(solution.coefficients.clone(), period, domain)?;
+    Ok(Fit::least_squares(curve.into(), x, u, &solution))
+}
+
+pub(crate) fn nested_fourier(targets: &[Target], order: usize, period: f64) -> Nested {
+    let matrix = DMatrix::from_fn(targets.len(), 2 * order + 1, |i, k| {
+        let angle = TAU * (targets[i].x / period) * k.div_ceil(2) as f64;
+        if k % 2 == 0 && k > 0 { angle.sin() } else { angle.cos() }
+    });
+    Nested::new(matrix, targets)
+}
+
+/// Fits a table of the mean reading of each target, with straight lines between the targets.
+///
+/// # Errors
+/// Unequal lengths, numbers that are not finite, or fewer than two different targets.
+pub fn fit_linear_table(x: &[f64], u: &[f64]) -> Result<Fit, FitError> {
+    fit_table(x, u, Table::linear)
+}
+
+/// Fits a table of the mean reading of each target, with monotone cubics between the targets.
+///
+/// # Errors
+/// Unequal lengths, numbers that are not finite, or fewer than two different targets.
+pub fn fit_cubic_table(x: &[f64], u: &[f64]) -> Result<Fit, FitError> {
+    fit_table(x, u, Table::cubic)
+}
+
+fn fit_table(
+    x: &[f64],
+    u: &[f64],
+    build: fn(Vec<[f64; 2]>) -> Result<Table, CurveError>,
+) -> Result<Fit, FitError> {
+    let targets = readings::checked_targets(x, u, 2, "a table")?;
+    let errors = left_out(&targets, build)?;
+    // The first target is not left out, so the errors start at index 1.
+    let missed = errors.into_iter().enumerate();
+    let missed = missed.map(|(place, error)| (place + 1, error));
+    Ok(Fit::new(build(targets)?.into(), x, u, missed))
+}
+
+/// Leave-one-out errors of the inner targets. Slopes depend on at most two targets on each side, so only a piece of the
+/// table is rebuilt.
+pub(crate) fn left_out(
+    targets: &[[f64; 2]],
+    build: fn(Vec<[f64; 2]>) -> Result<Table, CurveError>,
+) -> Result<Vec<f64>, FitError> {
+    let inner = 1..targets.len().saturating_sub(1);
+    let miss = |i: usize| {
+        let mut others =
+            targets[i.saturating_sub(REACH)..targets.len().min(i + REACH + 1)].to_vec();
+        let [x, u] = others.remove(i.min(REACH));
+        Ok(u - build(others)?.value(x))
+    };
+    inner.map(miss).collect()
+}
+
+const REACH: usize = 3;

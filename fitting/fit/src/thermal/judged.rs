@@ -2,12 +2,10 @@
 
 use std::ops::Range;
 
-use super::{
-    fit_thermal,
-    options::ThermalOptions,
-    record::ThermalRun,
-    search::{ThermalSearch, left_out_runs, search_thermal, search_thermal_rows},
-    terms::{ThermalSegment, ThermalTerms},
+use super::fit_thermal;
+use super::record::{ThermalOptions, ThermalRun};
+use super::search::{
+    ThermalSearch, ThermalSegment, ThermalTerms, left_out_runs, search_thermal, search_thermal_rows,
 };
 use crate::{FitError, fit::rms};
 

@@ -8,31 +8,25 @@ use std::ops::Range;
 
 use crate::FitError;
 
-mod choice;
 mod columns;
 mod judged;
-mod lagged;
-mod options;
 mod record;
 mod search;
-mod sensors;
-mod terms;
 
-pub use choice::ThermalChoice;
 pub use columns::ThermalEffect;
 pub use judged::{
     CoarseRows, JudgedThermal, ThermalPrediction, ThermalVerdict, judge_thermal_rows,
     judge_thermal_runs,
 };
-pub use options::ThermalOptions;
-pub use record::{ThermalGap, ThermalRecord, ThermalRun};
-pub use search::{ThermalSearch, left_out_runs, search_thermal, search_thermal_rows};
-pub use terms::{
-    TestedRange, ThermalFit, ThermalNumber, ThermalSegment, ThermalSize, ThermalTerm, ThermalTerms,
+pub use record::{ThermalGap, ThermalOptions, ThermalRecord, ThermalRun};
+pub use search::{
+    TestedRange, ThermalChoice, ThermalFit, ThermalNumber, ThermalSearch, ThermalSegment,
+    ThermalSize, ThermalTerm, ThermalTerms, left_out_runs, search_thermal, search_thermal_rows,
 };
 
-use choice::{BLOCKS, best_choices};
 use columns::{Features, ridge};
+use record::enough_rows;
+use search::{BLOCKS, best_choices};
 
 /// Fits the rows `train` of a record. Lags, penalty and sensors are chosen by forward validation among these rows.
 ///
@@ -61,27 +55,6 @@ fn checked(
     let known = record.known_rows(train, &options.lags_s);
     enough_rows(record, train, &known, 20 * BLOCKS)?;
     Ok(known)
-}
-
-fn enough_rows(
-    record: &ThermalRecord,
-    requested: &Range<usize>,
-    known: &[usize],
-    needed: usize,
-) -> Result<(), FitError> {
-    if requested.end <= record.len() && known.len() >= needed {
-        return Ok(());
-    }
-    Err(FitError::TooFew {
-        what: if known.len() < requested.len().min(record.len()) {
-            "rows that are not behind a gap in the log"
-        } else {
-            "rows"
-        },
-        purpose: "a thermal fit",
-        found: known.len(),
-        needed,
-    })
 }
 
 fn fit_choices(

@@ -1,20 +1,506 @@
-//! Search for sparse thermal terms: few sensors, few lags, and only coefficients whose removal increases the validation
-//! error significantly.
+//! Sparse thermal terms, their predictions over time with uncertainties, and the search for them: few sensors, few
+//! lags, and only coefficients whose removal increases the validation error.
 //!
 //! Several runs are validated by leaving out whole runs. A single run is validated by stretches of time, each predicted
 //! from earlier stretches.
 
 use std::ops::Range;
 
-use super::{
-    columns::{Between, Column, Stretch, Sums, ThermalEffect, stretches},
-    enough_rows,
-    options::ThermalOptions,
-    record::ThermalRun,
-    sensors::representative_sensors,
-    terms::{ThermalNumber, ThermalSize, ThermalTerms},
+use nalgebra::{DMatrix, DVector};
+use volcomp_curve::SmoothedRate;
+
+use super::columns::{
+    BEFORE, Between, Column, Features, Stretch, Sums, ThermalEffect, lagged, ridge, split,
+    stretches,
 };
+use super::record::enough_rows;
+use super::record::{ThermalOptions, ThermalRecord, ThermalRun};
 use crate::FitError;
+use crate::fit::rms;
+
+/// A drift term: the first-order lag of the sum over the sensors of `per_k`·(T − start).
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct ThermalTerm {
+    /// Time constant of the lag, s; 0 for no lag.
+    pub lag_s: f64,
+    /// Displacement per kelvin of each sensor, µm/K or µrad/K; 0 for an unused sensor.
+    pub per_k: Vec<f64>,
+}
+
+/// Fitted drift terms, and the choices of which they are the average.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct ThermalFit {
+    /// Drift terms, one for each time constant in use.
+    pub terms: Vec<ThermalTerm>,
+    /// Displacement with every sensor at its start temperature, µm or µrad.
+    pub constant: f64,
+    /// Start temperatures, °C, which are those of the first row. Temperature differences are relative to them.
+    pub start_degc: Vec<f64>,
+    /// Root mean square error of the best choice over the blocks of the forward validation, µm or µrad.
+    #[cfg_attr(feature = "serde", serde(with = "crate::serialised"))]
+    pub forward_rms: f64,
+    /// The choices of which the terms are the average.
+    pub choices: Vec<ThermalChoice>,
+}
+
+/// A stretch of time, with the error of a fit in it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct ThermalSegment {
+    /// Time of the first row of the stretch, s.
+    pub from_s: f64,
+    /// Time of the last row of the stretch, s.
+    pub to_s: f64,
+    /// Root mean square of record minus prediction, µm or µrad.
+    pub rms: f64,
+}
+
+impl ThermalFit {
+    /// Predicted displacement, µm or µrad, in every row of a record with the same sensors. Lags start at the first row.
+    pub fn predict(&self, record: &ThermalRecord) -> Vec<f64> {
+        let mut predicted = vec![self.constant; record.len()];
+        for term in &self.terms {
+            let used = record.degc.iter().zip(&self.start_degc).zip(&term.per_k);
+            for ((degc, start), per_k) in used.filter(|(_, per_k)| **per_k != 0.0) {
+                let difference: Vec<f64> = degc.iter().map(|t| t - start).collect();
+                for (sum, k) in
+                    predicted.iter_mut().zip(lagged(&record.time_s, &difference, term.lag_s))
+                {
+                    *sum += per_k * k;
+                }
+            }
+        }
+        predicted
+    }
+
+    /// Root mean square of record minus prediction (µm or µrad) over `rows`, and the worst of ten equal stretches of
+    /// these rows. Rows that are not in the record, or that a gap excludes, are skipped. If no row remains, the result
+    /// is NaN.
+    pub fn residual(
+        &self,
+        record: &ThermalRecord,
+        rows: Range<usize>,
+    ) -> (f64, Option<ThermalSegment>) {
+        let predicted = self.predict(record);
+        let errors = record.displacement.iter().zip(&predicted);
+        let errors: Vec<f64> = errors.map(|(found, predicted)| found - predicted).collect();
+        let lags: Vec<f64> = self.terms.iter().map(|term| term.lag_s).collect();
+        judged(&record.time_s, &errors, &record.known_rows(&rows, &lags))
+    }
+
+    /// Indices of the sensors with a non-zero weight in any term.
+    pub fn sensors(&self) -> Vec<usize> {
+        let weight = |term: &ThermalTerm, sensor: usize| term.per_k.get(sensor).copied();
+        let counts = |sensor: &usize| {
+            let mut weights = self.terms.iter().filter_map(|term| weight(term, *sensor));
+            weights.any(|per_k| per_k != 0.0)
+        };
+        (0..self.start_degc.len()).filter(counts).collect()
+    }
+
+    /// Displacement, µm or µrad, with every sensor at `reference_degc`. This is the temperature to which the terms of a
+    /// machine file refer.
+    pub fn constant_at(&self, reference_degc: f64) -> f64 {
+        let terms = self.terms.iter().flat_map(|term| term.per_k.iter().zip(&self.start_degc));
+        self.constant + terms.map(|(per_k, start)| per_k * (reference_degc - start)).sum::<f64>()
+    }
+}
+
+/// Root mean square error over `rows`, and the worst of ten equal stretches of these rows; NaN if there is no row.
+pub(super) fn judged(
+    time_s: &[f64],
+    errors: &[f64],
+    rows: &[usize],
+) -> (f64, Option<ThermalSegment>) {
+    let of = |rows: &[usize]| rms(rows.iter().map(|row| errors[*row]));
+    let segment = |part: &[usize]| {
+        Some(ThermalSegment {
+            from_s: time_s[*part.first()?],
+            to_s: time_s[*part.last()?],
+            rms: of(part),
+        })
+    };
+    let worst = split(rows, 10.min(rows.len())).filter_map(segment);
+    let worst = worst.max_by(|a, b| a.rms.total_cmp(&b.rms));
+    (of(rows), worst)
+}
+
+/// Coefficient of a thermal term.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct ThermalNumber {
+    /// Index of the sensor in [`ThermalRecord::degc`](crate::ThermalRecord::degc).
+    pub sensor: usize,
+    /// Quantity that the coefficient multiplies.
+    pub effect: ThermalEffect,
+    /// Value of the coefficient, µm/K or µrad/K; for an expansion, per K and mm.
+    pub value: f64,
+    /// Standard uncertainty of the value, in the same unit.
+    pub uncertainty: f64,
+}
+
+/// Validation error by number of coefficients.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct ThermalSize {
+    /// Number of coefficients of the terms.
+    pub numbers: usize,
+    /// Root mean square validation error, µm or µrad.
+    pub rms: f64,
+    /// Standard error of `rms` over the runs or stretches.
+    pub standard_error: f64,
+}
+
+/// Ranges of the temperature and of the rate of change of a sensor in the tests.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct TestedRange {
+    pub sensor: usize,
+    /// Lowest and highest temperature, °C.
+    pub degc: [f64; 2],
+    /// Rates of the fastest fall and of the fastest rise, K/min, by [`SmoothedRate`].
+    pub k_per_min: [f64; 2],
+}
+
+/// Thermal terms that a search has found.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct ThermalTerms {
+    /// The remaining coefficients.
+    pub numbers: Vec<ThermalNumber>,
+    /// Ridge penalty of the regression.
+    pub penalty: f64,
+    /// Validation error by number of coefficients, starting with the most coefficients.
+    pub path: Vec<ThermalSize>,
+    /// Root mean square validation error of these coefficients in each run or stretch, µm or µrad.
+    pub validated: Vec<f64>,
+    /// Tested ranges of the sensors that the terms use.
+    pub seen: Vec<TestedRange>,
+    /// For each position of each run: the displacement with all temperatures as in the first row, µm or µrad; these
+    /// temperatures, °C; and the position, mm.
+    zeros: Vec<Zero>,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+struct Zero {
+    displacement: f64,
+    degc: Vec<f64>,
+    position_mm: f64,
+}
+
+impl ThermalTerms {
+    /// Creates the terms. `offsets` is the mean residual (µm or µrad) for each (run, position), relative to the start
+    /// of the run. `lags_s` are the time constants among which the search chose, s.
+    pub(super) fn new(
+        numbers: Vec<ThermalNumber>,
+        penalty: f64,
+        path: Vec<ThermalSize>,
+        validated: Vec<f64>,
+        known: &[(&ThermalRun, Range<usize>)],
+        offsets: &[((usize, usize), f64)],
+        lags_s: &[f64],
+    ) -> Self {
+        let mut terms =
+            Self { seen: Vec::new(), zeros: Vec::new(), numbers, penalty, path, validated };
+        terms.seen = terms.sensors().iter().map(|&s| seen(known, s)).collect();
+        for (index, (run, _)) in known.iter().enumerate() {
+            let (positions, places) = run.places();
+            let from_start = terms.unknown_zero(run, Between::Straight);
+            let of_run = run.record.known_rows(&(0..run.record.len()), lags_s);
+            let zero_rows = ThermalRun::zero_rows(&of_run, &places, positions.len());
+            for (place, (&position_mm, rows)) in positions.iter().zip(&zero_rows).enumerate() {
+                let offset = offsets.iter().find(|(key, _)| *key == (index, place));
+                let Some((_, offset)) = offset else { continue };
+                let misses = rows.iter().map(|&row| run.record.displacement[row] - from_start[row]);
+                let start = misses.sum::<f64>() / rows.len().max(1) as f64;
+                terms.zeros.push(Zero {
+                    displacement: start + offset,
+                    degc: run.record.degc.iter().map(|degc| degc[0]).collect(),
+                    position_mm,
+                });
+            }
+        }
+        terms
+    }
+
+    /// Indices of the sensors that the terms use, ascending.
+    pub fn sensors(&self) -> Vec<usize> {
+        let mut sensors: Vec<usize> = self.numbers.iter().map(|number| number.sensor).collect();
+        sensors.sort_unstable();
+        sensors.dedup();
+        sensors
+    }
+
+    /// Time constants that the terms use, s, ascending.
+    pub fn lags_s(&self) -> Vec<f64> {
+        let lag = |number: &ThermalNumber| match number.effect {
+            ThermalEffect::Drift { lag_s } => Some(lag_s),
+            ThermalEffect::Expansion => None,
+        };
+        let mut lags: Vec<f64> = self.numbers.iter().filter_map(lag).collect();
+        lags.sort_by(f64::total_cmp);
+        lags.dedup();
+        lags
+    }
+
+    /// Prediction, µm or µrad, from the temperatures of a run with the same sensors, relative to the prediction in the
+    /// first row.
+    fn unknown_zero(&self, run: &ThermalRun, between: Between) -> Vec<f64> {
+        let mut sum = vec![0.0; run.record.len()];
+        for number in &self.numbers {
+            let column = Column { sensor: number.sensor, effect: number.effect };
+            for (sum, value) in sum.iter_mut().zip(column.values(run, between)) {
+                *sum += number.value * value;
+            }
+        }
+        sum
+    }
+
+    /// Root mean square of record minus prediction (µm or µrad) in a run that was not used to find the terms. Record
+    /// and prediction are relative to their start at each position. Rows that a gap excludes are skipped.
+    pub fn rms_from_start(&self, run: &ThermalRun) -> f64 {
+        let predicted = self.unknown_zero(run, Between::Straight);
+        let rows = run.record.displacement.iter().zip(&predicted);
+        let errors: Vec<f64> = rows.map(|(d, p)| d - p).collect();
+        run.rms_of_errors(&errors, &self.lags_s())
+    }
+
+    /// Error of the prediction of a run (root mean square, µm or µrad) due to the unknown temperatures between its
+    /// rows. It is the difference between predictions with curved and with linear temperatures between the rows. A
+    /// machine that reads its sensors in every cycle has this error in addition to the error in the rows of the run.
+    pub fn rms_between_rows(&self, run: &ThermalRun) -> f64 {
+        let bent = self.unknown_zero(run, Between::Bent);
+        let straight = self.unknown_zero(run, Between::Straight);
+        let known = run.record.known_rows(&(0..run.record.len()), &self.lags_s());
+        rms(known.iter().map(|&row| bent[row] - straight[row]))
+    }
+
+    /// Record minus prediction, µm or µrad, in every row. The run must be the run, or a part of it, from which the
+    /// terms were found.
+    pub fn errors(&self, run: &ThermalRun) -> Vec<f64> {
+        let predicted = self.unknown_zero(run, Between::Straight);
+        let (positions, places) = run.places();
+        let zero = |place: usize| {
+            let mut zeros = self.zeros.iter();
+            zeros.find(|zero| zero.position_mm == positions[place])
+        };
+        let rows = run.record.displacement.iter().zip(&predicted).zip(&places);
+        rows.map(|((d, p), place)| d - p - zero(*place).map_or(0.0, |zero| zero.displacement))
+            .collect()
+    }
+
+    /// Root mean square of [`errors`](Self::errors) (µm or µrad) over `rows` of the run from which the terms were
+    /// found, and the worst of ten equal stretches of these rows. Rows that are not in the run, or that a gap excludes,
+    /// are skipped. If no row remains, the result is NaN.
+    pub fn residual(&self, run: &ThermalRun, rows: Range<usize>) -> (f64, Option<ThermalSegment>) {
+        let known = run.record.known_rows(&rows, &self.lags_s());
+        judged(&run.record.time_s, &self.errors(run), &known)
+    }
+
+    /// Displacement with every sensor at `reference_degc`, the temperature to which the terms of a machine file refer.
+    /// Returns its mean over the positions of all runs, and its maximum minus its minimum, both in µm or µrad.
+    pub fn constant_at(&self, reference_degc: f64) -> (f64, f64) {
+        let at = |zero: &Zero| {
+            let per_k = |number: &ThermalNumber| match number.effect {
+                ThermalEffect::Drift { .. } => number.value,
+                ThermalEffect::Expansion => number.value * zero.position_mm,
+            };
+            let numbers = self.numbers.iter();
+            let steps = numbers.map(|n| per_k(n) * (reference_degc - zero.degc[n.sensor]));
+            zero.displacement + steps.sum::<f64>()
+        };
+        let constants: Vec<f64> = self.zeros.iter().map(at).collect();
+        let mean = constants.iter().sum::<f64>() / constants.len().max(1) as f64;
+        let least = constants.iter().copied().fold(f64::INFINITY, f64::min);
+        let most = constants.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        (mean, (most - least).max(0.0))
+    }
+}
+
+fn seen(known: &[(&ThermalRun, Range<usize>)], sensor: usize) -> TestedRange {
+    let mut degc = [f64::INFINITY, f64::NEG_INFINITY];
+    let mut k_per_min = [0.0_f64; 2];
+    for (run, rows) in known {
+        let (mut rate, mut before) = (SmoothedRate::default(), None);
+        for row in 0..rows.end.min(run.record.len()) {
+            let (time_s, value) = (run.record.time_s[row], run.record.degc[sensor][row]);
+            let step_s = before.map_or(0.0, |before| time_s - before);
+            before = Some(time_s);
+            let per_min = 60.0 * rate.step(value, step_s);
+            degc = [degc[0].min(value), degc[1].max(value)];
+            k_per_min = [k_per_min[0].min(per_min), k_per_min[1].max(per_min)];
+        }
+    }
+    TestedRange { sensor, degc, k_per_min }
+}
+
+/// Maximum number of rows from which lags and penalty are chosen. Neighbouring rows are nearly equal, so more rows do
+/// not change the choice.
+const ROWS_TO_CHOOSE: usize = 2000;
+/// Number of time blocks of the forward validation. The first two are used only for training.
+pub(super) const BLOCKS: usize = 10;
+/// Maximum ratio of the error of a choice to the error of the best choice. Worse choices are not averaged.
+const MEAN_WITHIN: f64 = 1.25;
+
+/// Lags, sensors and penalty of one regression.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct ThermalChoice {
+    /// Indices of the time constants of this choice in [`ThermalOptions::lags_s`].
+    pub lags: Vec<usize>,
+    /// Indices of the sensors of this choice in [`ThermalRecord::degc`](crate::ThermalRecord::degc).
+    pub sensors: Vec<usize>,
+    /// Penalty of the ridge regression, as a fraction of the variance of a feature.
+    pub penalty: f64,
+    /// Root mean square prediction error over the blocks of the forward validation, µm or µrad.
+    #[cfg_attr(feature = "serde", serde(with = "crate::serialised"))]
+    pub forward_rms: f64,
+}
+
+/// The best choices among all single lags and all pairs of lags, with every penalty. With sensor selection, they use
+/// only the sensors that the best choice needs.
+pub(super) fn best_choices(
+    features: &Features,
+    record: &ThermalRecord,
+    train: &[usize],
+    options: &ThermalOptions,
+) -> Result<Vec<ThermalChoice>, FitError> {
+    let stride = train.len().div_ceil(ROWS_TO_CHOOSE);
+    let blocks: Vec<DMatrix<f64>> =
+        split(train, BLOCKS).map(|rows| features.moments(record, rows, stride)).collect();
+    let all: Vec<usize> = (0..features.sensors).collect();
+    let mut choices = every_choice(features, &blocks, options, &all);
+    if options.select_sensors
+        && let Some(best) = choices.first()
+    {
+        let sensors = best.clone().without_needless(features, &blocks).sensors;
+        choices = every_choice(features, &blocks, options, &sensors);
+    }
+    choices.truncate(options.mean_of.max(1));
+    let most = choices.first().map_or(0.0, |best| MEAN_WITHIN * best.forward_rms);
+    choices.retain(|choice| choice.forward_rms <= most);
+    if choices.is_empty() {
+        return Err(FitError::Undetermined { coefficients: features.sensors });
+    }
+    Ok(choices)
+}
+
+fn every_choice(
+    features: &Features,
+    blocks: &[DMatrix<f64>],
+    options: &ThermalOptions,
+    sensors: &[usize],
+) -> Vec<ThermalChoice> {
+    let pairs = (0..features.lags).flat_map(|a| (a..features.lags).map(move |b| (a, b)));
+    let choice = |(a, b), &penalty: &f64| {
+        let lags = if a == b { vec![a] } else { vec![a, b] };
+        let mut choice =
+            ThermalChoice { lags, sensors: sensors.to_vec(), penalty, forward_rms: f64::INFINITY };
+        choice.forward_rms = choice.validated(features, blocks);
+        choice
+    };
+    let tried =
+        pairs.flat_map(|pair| options.penalties.iter().map(move |penalty| choice(pair, penalty)));
+    let mut choices: Vec<ThermalChoice> =
+        tried.filter(|choice| choice.forward_rms.is_finite()).collect();
+    choices.sort_by(|a, b| a.forward_rms.total_cmp(&b.forward_rms));
+    choices
+}
+
+impl ThermalChoice {
+    pub(super) fn columns(&self, features: &Features) -> Vec<usize> {
+        let column = |lag: &usize, sensor: &usize| BEFORE + lag * features.sensors + sensor;
+        let of_lag = |lag| self.sensors.iter().map(move |sensor| column(lag, sensor));
+        self.lags.iter().flat_map(of_lag).collect()
+    }
+
+    fn without_needless(mut self, features: &Features, blocks: &[DMatrix<f64>]) -> Self {
+        while self.sensors.len() > 1 {
+            let without = |place: usize| {
+                let mut tried = self.clone();
+                tried.sensors.remove(place);
+                tried.forward_rms = tried.validated(features, blocks);
+                tried
+            };
+            let tried = (0..self.sensors.len()).map(without);
+            match tried.min_by(|a, b| a.forward_rms.total_cmp(&b.forward_rms)) {
+                Some(better) if better.forward_rms <= self.forward_rms => self = better,
+                _ => break,
+            }
+        }
+        self
+    }
+
+    /// RMS error of predicting the third and every later block from the blocks before it; infinite if a fit fails.
+    fn validated(&self, features: &Features, blocks: &[DMatrix<f64>]) -> f64 {
+        let plan = self.columns(features);
+        let mut past = &blocks[0] + &blocks[1];
+        let (mut sum, mut count) = (0.0, 0.0);
+        for block in &blocks[2..] {
+            let Some(ridge) = ridge(&past, &plan, self.penalty) else {
+                return f64::INFINITY;
+            };
+            sum += ridge.squared_error(block, &plan);
+            count += block[(0, 0)];
+            past += block;
+        }
+        (sum / count).sqrt()
+    }
+}
+
+/// Level of noise, K. A sensor whose mean movement is smaller has less weight.
+const NOISE_K: f64 = 0.05;
+/// Movement below which a sensor counts as constant, K.
+const STILL_K: f64 = 1e-3;
+/// A sensor counts as redundant if the chosen sensors leave less than this fraction of its variance.
+const MIN_SHARE: f64 = 1e-6;
+const MAX_ROWS: usize = 2000;
+
+/// Chooses sensors one after the other. Each time, the sensor is chosen that, together with the sensors chosen before,
+/// explains most of the movement of all sensors, each scaled by its own movement. Displacements are ignored, because
+/// among many correlated sensors they would select the sensor whose noise fits best by chance.
+fn representative_sensors(runs: &[(&ThermalRun, Range<usize>)], most: usize) -> Vec<usize> {
+    let sensors = runs.first().map_or(0, |(run, _)| run.record.degc.len());
+    let mut columns: Vec<DVector<f64>> = (0..sensors)
+        .map(|sensor| {
+            let moved = runs.iter().flat_map(|(run, rows)| {
+                let step = rows.len().div_ceil(MAX_ROWS).max(1);
+                let degc = &run.record.degc[sensor];
+                let taken: Vec<f64> = rows.clone().step_by(step).map(|row| degc[row]).collect();
+                let mean = taken.iter().sum::<f64>() / taken.len().max(1) as f64;
+                taken.into_iter().map(move |degc| degc - mean)
+            });
+            let moved: Vec<f64> = moved.collect();
+            let rms = (moved.iter().map(|x| x * x).sum::<f64>() / moved.len().max(1) as f64).sqrt();
+            let scale = if rms > STILL_K { rms.max(NOISE_K) } else { f64::INFINITY };
+            DVector::from_vec(moved) / scale
+        })
+        .collect();
+    let mut chosen = Vec::new();
+    let initial: Vec<f64> = columns.iter().map(DVector::norm_squared).collect();
+    while chosen.len() < most {
+        let products = DMatrix::from_fn(sensors, sensors, |i, j| columns[i].dot(&columns[j]));
+        let left = |&sensor: &usize| {
+            !chosen.contains(&sensor) && products[(sensor, sensor)] > MIN_SHARE * initial[sensor]
+        };
+        let explains =
+            |sensor: usize| products.column(sensor).norm_squared() / products[(sensor, sensor)];
+        let best = (0..sensors).filter(left).max_by(|a, b| explains(*a).total_cmp(&explains(*b)));
+        let Some(best) = best else { break };
+        let unit = columns[best].normalize();
+        for column in &mut columns {
+            let part = unit.dot(column);
+            column.axpy(-part, &unit, 1.0);
+        }
+        chosen.push(best);
+    }
+    chosen
+}
 
 /// Number of stretches of a single run. The first two are used only for training.
 const STRETCHES: usize = 10;

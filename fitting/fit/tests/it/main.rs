@@ -2,10 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-mod absurd;
-mod automatic;
 mod bands;
-mod between;
 mod brute_force;
 mod choice;
 mod covered;
@@ -13,18 +10,14 @@ mod few_terms;
 mod gaps;
 mod generated;
 mod heat_network;
-mod irregular_axis;
 mod judged;
 mod leave_one_out;
 mod logged;
-mod peers;
 mod refusals;
 mod reproduction;
 #[cfg(feature = "serde")]
 mod serialised;
-mod shipped_runs;
 mod thermal;
-mod thermal_verdict;
 
 /// `count` evenly spaced targets over 0 to 8000 mm.
 fn targets(count: u32) -> Vec<f64> {

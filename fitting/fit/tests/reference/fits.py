@@ -1,4 +1,4 @@
-"""Fits by NumPy and SciPy, for tests/it/peers.rs.
+"""Fits by NumPy and SciPy, for tests/it/reproduction.rs.
 
 Reads {"x": [...], "u": [...], "at": [...], "order": n, "support": s, "shape": a} from standard input: readings, of which several
 may have one target, and places. Writes for each kind of curve its values at the places and its leave-one-out error over the
