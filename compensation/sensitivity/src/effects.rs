@@ -1,16 +1,15 @@
 //! Effects of errors over many poses: of one unit of each error, or of the values of a machine.
 
-use nalgebra::Vector3;
-use volcomp_kinematics::{Chain, ErrorMotion, ErrorSource};
-use volcomp_vocabulary::MAX_AXES;
+use std::ops::Range;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
-use crate::{
-    chunks::chunks,
-    error::SensitivityError,
-    gaps::{Gaps, InGap, twists},
-    poses::Poses,
-    term::ErrorTerm,
-};
+use nalgebra::Vector3;
+use rayon::prelude::*;
+use volcomp_kinematics::{Chain, ChainError, ErrorMotion, ErrorSource, State};
+use volcomp_vocabulary::{AxisName, MAX_AXES};
+
+use crate::error::SensitivityError;
+use crate::term::{ErrorTerm, Gaps, InGap, twists};
 
 /// Effect of one error over the poses: of one unit (1 µm of a displacement, 1 µrad of a rotation) in [`sensitivity`](crate::sensitivity()),
 /// or of a machine's values in [`effects_of`].
@@ -184,4 +183,110 @@ pub(crate) fn effects(
         .all(|size| size.is_finite())
     };
     if found.iter().all(is_finite) { Ok(found) } else { Err(SensitivityError::NotFinite) }
+}
+
+/// Poses of a chain, in mm and rad, in chain order.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Poses {
+    /// Every combination of the listed nodes of each axis.
+    Grid(Vec<Vec<f64>>),
+    /// Every combination of `count` evenly spaced nodes over the travel of each axis, both ends included; a count of 1 gives the middle.
+    Even {
+        /// Travel of each axis, mm or rad.
+        travels: Vec<[f64; 2]>,
+        /// Number of nodes of each axis.
+        count: usize,
+    },
+    /// The listed poses, in order.
+    List(Vec<State>),
+}
+
+impl Poses {
+    /// Creates a grid of `count` evenly spaced nodes over the travel (mm, rad) of each axis, both ends included; a count of 1 gives the middle.
+    ///
+    /// # Errors
+    /// See [`Chain::by_axis`].
+    pub fn over(
+        chain: &Chain,
+        travels: impl IntoIterator<Item = (AxisName, [f64; 2])>,
+        count: usize,
+    ) -> Result<Self, ChainError> {
+        let travels = chain.by_axis(travels)?;
+        Ok(Self::Even { travels: travels[..chain.joints().len()].to_vec(), count })
+    }
+
+    /// Number of poses; `None` if it overflows.
+    pub fn count(&self) -> Option<usize> {
+        match self {
+            Self::Grid(nodes) => {
+                nodes.iter().try_fold(1_usize, |product, nodes| product.checked_mul(nodes.len()))
+            }
+            Self::Even { travels, count } => {
+                travels.iter().try_fold(1_usize, |product, _| product.checked_mul(*count))
+            }
+            Self::List(states) => Some(states.len()),
+        }
+    }
+
+    /// Pose at an index; in a grid the last axis varies fastest. Beyond the end a grid wraps around, and a list returns machine zero.
+    pub fn state(&self, place: usize) -> State {
+        let axes = match self {
+            Self::List(states) => return states.get(place).copied().unwrap_or_default(),
+            Self::Grid(nodes) => nodes.len(),
+            Self::Even { travels, .. } => travels.len(),
+        };
+        let mut state = State::default();
+        let mut rest = place;
+        for (axis, q) in state.q.iter_mut().enumerate().take(axes).rev() {
+            let count = self.nodes(axis).max(1);
+            *q = self.node(axis, rest % count);
+            rest /= count;
+        }
+        state
+    }
+
+    fn nodes(&self, axis: usize) -> usize {
+        match self {
+            Self::Grid(nodes) => nodes[axis].len(),
+            Self::Even { count, .. } => *count,
+            Self::List(_) => 0,
+        }
+    }
+
+    fn node(&self, axis: usize, place: usize) -> f64 {
+        match self {
+            Self::Grid(nodes) => nodes[axis].get(place).copied().unwrap_or_default(),
+            Self::Even { travels, count } => {
+                let [low, high] = travels[axis];
+                match count {
+                    0 | 1 => 0.5 * (low + high),
+                    _ => low + (high - low) * place as f64 / (count - 1) as f64,
+                }
+            }
+            Self::List(_) => 0.0,
+        }
+    }
+}
+
+const CHUNK: usize = 2048;
+
+/// Calls `work` for each chunk of the indices 0 to `count`. The results are in the order of the poses, so that joining them gives the same digits
+/// in every run. `progress` receives, from any thread, the number of finished poses and their total number.
+pub(crate) fn chunks<T: Send>(
+    count: usize,
+    progress: &(impl Fn(usize, usize) + Sync),
+    work: impl Fn(Range<usize>) -> T + Sync,
+) -> Vec<T> {
+    let starts: Vec<usize> = (0..count).step_by(CHUNK).collect();
+    let done = AtomicUsize::new(0);
+    starts
+        .into_par_iter()
+        .map(|start| {
+            let places = start..count.min(start + CHUNK);
+            let more = places.len();
+            let made = work(places);
+            progress(done.fetch_add(more, Ordering::Relaxed) + more, count);
+            made
+        })
+        .collect()
 }
