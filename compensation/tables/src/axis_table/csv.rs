@@ -5,12 +5,9 @@ use core::fmt::Write;
 use volcomp_document::CsvTable;
 use volcomp_vocabulary::{AxisName, Displacement};
 
-use super::{
-    format::Format,
-    options::{WriteOptions, Written},
-    table::{AxisTable, from_file_unit},
-    text::{ExchangeError, TextFile, number, short},
-};
+use super::options::{WriteOptions, Written};
+use super::table::{AxisTable, from_file_unit};
+use super::text::{ExchangeError, Format, TextFile, number, short};
 
 const HEAD: &str = "input,output,position,forward,backward,modulo";
 

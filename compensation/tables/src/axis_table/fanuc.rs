@@ -6,12 +6,9 @@ use std::collections::BTreeMap;
 use volcomp_document::quoted;
 use volcomp_vocabulary::{AxisName, Displacement};
 
-use super::{
-    format::Format,
-    options::{ReadOptions, WriteOptions, Written},
-    table::{AxisTable, from_file_unit},
-    text::{ExchangeError, FilePosition, TextFile, Warning, number, short, whole},
-};
+use super::options::{ReadOptions, WriteOptions, Written};
+use super::table::{AxisTable, from_file_unit};
+use super::text::{ExchangeError, FilePosition, Format, TextFile, Warning, number, short, whole};
 
 /// Parameter number of point 0: the value of point n is in N(10000 + n). Not verified against a FANUC manual.
 const DATA: u32 = 10_000;

@@ -9,13 +9,10 @@ use volcomp_kinematics::State;
 use volcomp_model::{Machine, Temperatures};
 use volcomp_vocabulary::{AxisName, PerAxis};
 
-use super::{
-    format::Format,
-    options::{Facts, Written, one_line},
-    sampled::{TableOptions, sampled},
-    table::{AxisTable, Content, interpolated},
-    text::{ExchangeError, TextFile, short},
-};
+use super::options::{Facts, Written, one_line};
+use super::sampled::{TableOptions, sampled};
+use super::table::{AxisTable, Content, interpolated};
+use super::text::{ExchangeError, Format, TextFile, short};
 
 /// Firmware of printers and small routers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

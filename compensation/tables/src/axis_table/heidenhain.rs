@@ -6,12 +6,9 @@ use std::borrow::Cow;
 use volcomp_document::quoted;
 use volcomp_vocabulary::{AxisName, Direction, brought_into};
 
-use super::{
-    format::Format,
-    options::Written,
-    table::{AxisTable, from_file_unit},
-    text::{ExchangeError, TextFile, Warning, number, signed},
-};
+use super::options::Written;
+use super::table::{AxisTable, from_file_unit};
+use super::text::{ExchangeError, Format, TextFile, Warning, number, signed};
 
 const MAX_LINES: usize = 256;
 /// Decimals of lengths and angles in mm and deg, as in known files.

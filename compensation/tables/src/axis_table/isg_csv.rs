@@ -5,12 +5,9 @@ use core::fmt::Write;
 use volcomp_document::quoted;
 use volcomp_vocabulary::{AxisName, ErrorName};
 
-use super::{
-    format::Format,
-    options::{WriteOptions, Written},
-    table::{ErrorTable, ErrorTables, from_file_unit},
-    text::{ExchangeError, FilePosition, TextFile, number, short},
-};
+use super::options::{WriteOptions, Written};
+use super::table::{ErrorTable, ErrorTables, from_file_unit};
+use super::text::{ExchangeError, FilePosition, Format, TextFile, number, short};
 
 /// Number of decimals of lengths, mm.
 const MM: usize = 7;

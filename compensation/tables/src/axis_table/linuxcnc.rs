@@ -4,12 +4,9 @@ use core::fmt::Write;
 
 use volcomp_vocabulary::{AxisName, CorrectionLimit, Displacement, bounds::is_plausible_error};
 
-use super::{
-    format::Format,
-    options::Written,
-    table::{AxisTable, from_file_unit},
-    text::{ExchangeError, TextFile, Warning, short},
-};
+use super::options::Written;
+use super::table::{AxisTable, from_file_unit};
+use super::text::{ExchangeError, Format, TextFile, Warning, short};
 
 const MAX_LINES: usize = 256;
 /// Number of decimals of values in mm: 1 nm.

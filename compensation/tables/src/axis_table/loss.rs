@@ -9,16 +9,12 @@ use volcomp_vocabulary::{
     AxisKind, AxisName, CorrectionLimit, Direction, Displacement, MAX_AXES, PerAxis, brought_into,
 };
 
-use super::{
-    curves::{curves, own_component},
-    exchange::{read, write},
-    firmware::{Firmware, LinearSettings, linear_settings},
-    format::Format,
-    options::{ReadOptions, WriteOptions},
-    sampled::{TableOptions, positions, sampled},
-    table::{Content, micro_unit},
-    text::ExchangeError,
-};
+use super::exchange::{read, write};
+use super::firmware::{Firmware, LinearSettings, linear_settings};
+use super::options::{ReadOptions, WriteOptions};
+use super::sampled::{TableOptions, positions, sampled};
+use super::table::{Content, curves, micro_unit, own_component};
+use super::text::{ExchangeError, Format};
 
 /// A kind of error whose residual is reported separately.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

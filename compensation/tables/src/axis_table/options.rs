@@ -5,11 +5,8 @@ use core::fmt::Write;
 use volcomp_model::Machine;
 use volcomp_vocabulary::{AxisName, Displacement};
 
-use super::{
-    format::Format,
-    table::{AxisTable, Content, from_file_unit},
-    text::{TextFile, short},
-};
+use super::table::{AxisTable, Content, from_file_unit};
+use super::text::{Format, TextFile, short};
 
 /// Axis numbers in the control, from 1.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

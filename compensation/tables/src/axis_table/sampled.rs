@@ -4,11 +4,8 @@ use volcomp_vocabulary::{
     AxisName, Component, CorrectionLimit, Direction, Displacement, ErrorName, PerAxis, brought_into,
 };
 
-use super::{
-    format::Format,
-    table::{AxisTable, Content, ErrorTable, ErrorTables, ZERO_BELOW, from_file_unit},
-    text::ExchangeError,
-};
+use super::table::{AxisTable, Content, ErrorTable, ErrorTables, ZERO_BELOW, from_file_unit};
+use super::text::{ExchangeError, Format};
 
 const MAX_NODES: f64 = 10_000.0;
 

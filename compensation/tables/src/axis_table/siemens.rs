@@ -6,12 +6,9 @@ use std::{cell::RefCell, collections::BTreeMap};
 use volcomp_document::quoted;
 use volcomp_vocabulary::AxisName;
 
-use super::{
-    format::Format,
-    options::{AxisNumbers, ReadOptions, WriteOptions, Written, numbers_in},
-    table::{AxisTable, from_file_unit, interpolated},
-    text::{ExchangeError, FilePosition, TextFile, Warning, fixed, number, short},
-};
+use super::options::{AxisNumbers, ReadOptions, WriteOptions, Written, numbers_in};
+use super::table::{AxisTable, from_file_unit, interpolated};
+use super::text::{ExchangeError, FilePosition, Format, TextFile, Warning, fixed, number, short};
 
 pub(crate) fn read(
     files: &[&TextFile],

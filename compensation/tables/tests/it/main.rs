@@ -4,7 +4,6 @@
 mod axis_table;
 mod bounds;
 mod machines;
-mod peer;
 mod sender;
 mod text;
 mod wire;

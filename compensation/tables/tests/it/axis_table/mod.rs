@@ -1,17 +1,10 @@
 //! Axis tables from machines through every format, compared with closed forms and the manufacturers' documents.
 
-mod corpus;
-mod fanuc;
 mod firmware;
-mod heidenhain;
-mod isg;
-mod limits;
-mod linuxcnc;
+mod formats;
 mod loss;
 mod machine;
-mod mesh;
 mod round_trip;
-mod siemens;
 
 use volcomp_tables::axis_table::{
     AxisNumbers, AxisTable, Content, ExchangeError, Format, ReadOptions, ReadTables, TextFile,
