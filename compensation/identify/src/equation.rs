@@ -5,15 +5,13 @@ use volcomp_kinematics::{
     nalgebra::{DMatrix, DVector, Matrix3, Vector3},
 };
 
-use crate::{
-    basis::legendre,
-    coefficients::Unknowns,
-    derivatives::{Errors, Tip, component_of, tip},
-    observations::{Part, RowReading},
-    params::{Params, Values},
-    sides::Sides,
-    system::{PreparedPose, PreparedRow, Rows, System},
-};
+use crate::basis::legendre;
+use crate::coefficients::Unknowns;
+use crate::derivatives::{Errors, Tip, component_of, tip};
+use crate::observations::{Part, RowReading};
+use crate::params::{Params, Values};
+use crate::system::{PreparedPose, PreparedRow, Rows, System};
+use crate::timeline::Sides;
 
 struct Writer<'e> {
     residuals: &'e mut DVector<f64>,

@@ -1,36 +1,34 @@
-//! Identifies a machine from observations: set-up, rank, errors, validation.
+//! Identifies a machine from observations: set-up, rank, errors, validation; the machine with the identified errors,
+//! and Monte Carlo samples of it.
 
 use std::collections::BTreeSet;
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use volcomp_curve::{ErrorCurve, Field};
 use volcomp_document::Note;
-use volcomp_kinematics::nalgebra::{DMatrix, Vector3};
+use volcomp_kinematics::nalgebra::{DMatrix, DVector, SymmetricEigen, Vector3};
 use volcomp_model::Machine;
 use volcomp_vocabulary::ErrorName;
 
-use crate::{
-    checks::{
-        median,
-        result::{
-            contradiction, few, inverted, large, outliers, refuse_far, refuse_rows, refuse_target,
-            refuse_unexplained, small_travel, times_by_file,
-        },
-    },
-    error::{IdentifyError, at},
-    fit::{Fitted, fit},
-    fold::Folds,
-    found_machine::machine_of,
-    next::{Next, next},
-    observations::Observations,
-    parameters::{
-        UndeterminedError, covariance_in_units, left_at_zero, parameters, redundant, undetermined,
-    },
-    params::{Parameter, Values},
-    response::Response,
-    start::start,
-    system::{Follower, Rows, System},
+use crate::checks::median;
+use crate::checks::result::{
+    contradiction, few, inverted, large, outliers, refuse_far, refuse_rows, refuse_target,
+    refuse_unexplained, small_travel, times_by_file,
 };
+use crate::coefficients::{Role, micro};
+use crate::error::{IdentifyError, at};
+use crate::fit::{Fitted, Folds, fit};
+use crate::next::{Next, next};
+use crate::observations::Observations;
+use crate::parameters::{
+    Response, UndeterminedError, covariance_in_units, left_at_zero, parameters, redundant,
+    undetermined,
+};
+use crate::params::{Param, Parameter, Values};
+use crate::start::start;
+use crate::system::{Follower, Rows, System};
 
 /// Result of an identification, with its uncertainties and warnings.
 #[derive(Clone, Debug)]
@@ -283,7 +281,7 @@ pub struct Figures {
     pub rows: usize,
 }
 
-pub(crate) fn figures(residuals: &[Vector3<f64>]) -> Figures {
+fn figures(residuals: &[Vector3<f64>]) -> Figures {
     let squares: f64 = residuals.iter().map(Vector3::norm_squared).sum();
     let largest = residuals.iter().map(Vector3::norm).fold(0.0, f64::max);
     Figures {
@@ -427,4 +425,181 @@ pub(crate) fn judged(
         all.extend(residuals);
     }
     ((!all.is_empty()).then(|| figures(&all)), notes)
+}
+
+/// Returns the machine of the observations with `values` for the unknown errors, as parameter names and values in
+/// parameter units. Unknowns without a value are 0.
+///
+/// # Errors
+/// Unknowns that [`crate::identify()`] rejects; a name that is neither an unknown nor part of the set-up.
+pub fn machine_with(
+    observations: &Observations,
+    values: &[(String, f64)],
+) -> Result<Machine, IdentifyError> {
+    let system = System::new(observations)?;
+    let mut names = (0..system.params.len()).map(|param| system.name(param));
+    for (name, _) in values {
+        if !names.clone().any(|known| known == *name) {
+            let known: Vec<String> = names.by_ref().collect();
+            return Err(IdentifyError::NoSuchUnknown {
+                found: name.clone(),
+                known: known.join(", "),
+            });
+        }
+    }
+    let given = system.unknowns.coefficients.iter().map(|coefficient| {
+        let value = values.iter().find(|(name, _)| *name == coefficient.name);
+        value.map_or(0.0, |(_, value)| value / micro(coefficient.error.component))
+    });
+    let stated = Values::stated(&system.setup, given.collect());
+    machine_of(&system, &stated)
+}
+
+fn machine_of(system: &System, values: &Values) -> Result<Machine, IdentifyError> {
+    let mut machine = system.machine.clone();
+    for (place, unknown) in system.unknowns.curves.iter().enumerate() {
+        let error = unknown.error;
+        let scale = micro(error.component);
+        let own = system.unknowns.coefficients.iter().zip(&values.coefficients);
+        let own = own.filter(|(coefficient, _)| coefficient.curve == place);
+        let mut modes = vec![0.0; unknown.modes.as_ref().map_or(0, crate::basis::Modes::len)];
+        let mut products = vec![0.0; unknown.products.as_ref().map_or(0, |p| p.pairs().len())];
+        let mut reversal = None;
+        for (coefficient, value) in own {
+            match coefficient.role {
+                Role::Location => machine.set_location(error, value * scale)?,
+                Role::Mode(mode) => modes[mode] = value * scale,
+                Role::Product(place) => products[place] = value * scale,
+                Role::Reversal => reversal = Some(value * scale),
+            }
+        }
+        if unknown.error.location {
+            continue;
+        }
+        let before = machine.error(error).cloned();
+        let mean = match &unknown.modes {
+            Some(own) => {
+                let field = match &unknown.products {
+                    Some(found) => {
+                        let go_round = [unknown.axis, found.axis()]
+                            .map(|axis| machine.axes()[axis].modulo.is_some());
+                        found
+                            .grid(own, unknown.axis, [&modes, &products], go_round)
+                            .map(Field::Grid)
+                    }
+                    None => own.curve(&modes).map(Field::Curve),
+                };
+                field.map_err(|source| IdentifyError::Curve { error, source })?
+            }
+            None => match &before {
+                Some(ErrorCurve::Single(mean) | ErrorCurve::Reversal { mean, .. }) => mean.clone(),
+                _ => Field::Curve(volcomp_curve::Curve::Constant(0.0)),
+            },
+        };
+        // A reversal value that is not an unknown is kept.
+        let reversal = reversal.or(match before {
+            Some(ErrorCurve::Reversal { reversal, .. }) => Some(reversal),
+            _ => None,
+        });
+        let curve = match reversal {
+            Some(reversal) => ErrorCurve::with_reversal(mean, reversal)
+                .map_err(|source| IdentifyError::Curve { error, source })?,
+            None => ErrorCurve::Single(mean),
+        };
+        machine.set_error(error, curve)?;
+    }
+    Ok(machine)
+}
+
+/// Monte Carlo samples of the machine: its errors follow the covariance of an identification, correlations included
+/// (JCGM 101, propagation of distributions). An error that the observations do not determine is the same in every
+/// sample.
+#[derive(Clone, Debug)]
+pub struct MachineSampler {
+    system: System,
+    /// Identified values of all coefficients, µm and µrad.
+    found: Vec<f64>,
+    /// Indices in `found` of the determined coefficients.
+    determined: Vec<usize>,
+    /// Square root of the covariance of the determined coefficients, which is the product of this matrix and its transpose.
+    root: DMatrix<f64>,
+}
+
+impl MachineSampler {
+    /// Prepares samples from observations and their identification.
+    ///
+    /// # Errors
+    /// [`IdentifyError::OtherObservations`] if the identification has other unknowns than the observations; the errors
+    /// of [`identify`](crate::identify()).
+    pub fn new(observations: &Observations, found: &Identification) -> Result<Self, IdentifyError> {
+        let system = System::new(observations)?;
+        let names = (0..system.params.len()).map(|param| system.name(param));
+        let is_same = names.eq(found.parameters.iter().map(|p| p.name.clone()));
+        let determined = found.parameters.iter().filter(|p| p.determined).count();
+        if !is_same || found.covariance.shape() != (determined, determined) {
+            return Err(IdentifyError::OtherObservations);
+        }
+        let mut coefficients = vec![0.0; system.unknowns.coefficients.len()];
+        // Columns of the covariance that belong to coefficients. Columns of set-ups are left out: their contribution is
+        // already in the variances of the coefficients.
+        let (mut places, mut columns) = (Vec::new(), Vec::new());
+        let mut column = 0;
+        for (param, parameter) in found.parameters.iter().enumerate() {
+            if let Param::Coefficient(place) = system.params.at(param) {
+                coefficients[place] = parameter.value;
+                if parameter.determined {
+                    places.push(place);
+                    columns.push(column);
+                }
+            }
+            column += usize::from(parameter.determined);
+        }
+        let covariance = found.covariance.select_columns(&columns).select_rows(&columns);
+        Ok(Self {
+            system,
+            found: coefficients,
+            determined: places,
+            // Residuals beyond the stated uncertainties widen the distribution.
+            root: root_of(&(covariance * found.excess.powi(2))),
+        })
+    }
+
+    /// Returns the sample with the number `trial`, which depends only on `seed` and `trial`.
+    ///
+    /// # Errors
+    ///
+    /// A rejected curve; this does not occur for coefficients of an identification, which has already built such
+    /// curves.
+    pub fn machine(&self, seed: u64, trial: u64) -> Result<Machine, IdentifyError> {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        rng.set_stream(trial);
+        let normal = |_, _| StandardNormal.sample(&mut rng);
+        let independent = DVector::from_fn(self.root.ncols(), normal);
+        let shifts = &self.root * independent;
+        let mut coefficients = self.found.clone();
+        for (&place, shift) in self.determined.iter().zip(&shifts) {
+            coefficients[place] += shift;
+        }
+        let listed = self.system.unknowns.coefficients.iter().zip(coefficients);
+        let inside = listed.map(|(coefficient, value)| value / micro(coefficient.error.component));
+        machine_of(&self.system, &Values::stated(&self.system.setup, inside.collect()))
+    }
+}
+
+/// Square root of a covariance that rounding may have made slightly indefinite. Rows and columns are first divided by
+/// the standard uncertainties, so that µm and µrad of any size have equal scale.
+fn root_of(covariance: &DMatrix<f64>) -> DMatrix<f64> {
+    let sizes = covariance.diagonal().map(|variance| variance.max(0.0).sqrt());
+    let correlation = DMatrix::from_fn(covariance.nrows(), covariance.ncols(), |row, column| {
+        let size = sizes[row] * sizes[column];
+        if size > 0.0 {
+            // The matrix is made exactly symmetric, which the eigenvalue decomposition requires.
+            0.5 * (covariance[(row, column)] + covariance[(column, row)]) / size
+        } else {
+            0.0
+        }
+    });
+    let eigen = SymmetricEigen::new(correlation);
+    let roots = eigen.eigenvalues.map(|value| value.max(0.0).sqrt());
+    DMatrix::from_diagonal(&sizes) * eigen.eigenvectors * DMatrix::from_diagonal(&roots)
 }

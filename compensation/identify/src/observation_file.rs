@@ -7,19 +7,16 @@ use volcomp_document::{CsvTable, Document, FileKind, InputError, Section, Value,
 use volcomp_model::Machine;
 use volcomp_vocabulary::{AxisName, ErrorName};
 
-use crate::{
-    ball_row,
-    basis::Basis,
-    checks::input::{
-        MAX_COEFFICIENTS, MAX_DRIFT_ORDER, MAX_FOLDS, MAX_SECOND_ORDER, MIN_SPLINE_COEFFICIENTS,
-        oblique, refuse_units, standard_uncertainty_um, unit_vector,
-    },
-    error::IdentifyError,
-    observations::{Kind, NumberKind, Observation, Observations, SecondAxis, Unknown},
-    row_file::{RowKind, read_rows},
-    setup_keys::{ObservationHeader, ReadFile, ReadState, frame, number, point_of, targets},
-    timeline::{OrderedObservation, set_times},
+use crate::basis::Basis;
+use crate::checks::{
+    MAX_COEFFICIENTS, MAX_DRIFT_ORDER, MAX_FOLDS, MAX_SECOND_ORDER, MIN_SPLINE_COEFFICIENTS,
+    oblique, refuse_units, standard_uncertainty_um, unit_vector,
 };
+use crate::error::IdentifyError;
+use crate::observations::{Kind, NumberKind, Observation, Observations, SecondAxis, Unknown};
+use crate::row_file::{self, RowKind, read_rows};
+use crate::setup_keys::{ObservationHeader, ReadFile, ReadState, frame, number, point_of, targets};
+use crate::timeline::{OrderedObservation, set_times};
 
 impl Observations {
     /// Reads a file of observations, its machine file and its row files.
@@ -214,7 +211,7 @@ fn decode_observation(
         Kind::Sphere => &[],
         Kind::Distance => &["point", "dead_length"],
         Kind::Line => &["direction", "offset", "slope"],
-        Kind::BallRow => &ball_row::KEYS,
+        Kind::BallRow => &row_file::KEYS,
     };
     section.allow(&[&["kind", "file", "uncertainty_um", "drift", "judge"], own].concat())?;
     let file_value = section.require("file")?;
@@ -253,7 +250,7 @@ fn decode_observation(
             slope: number(&of, "slope", NumberKind::Slope, 0, state)?,
         },
         Kind::BallRow => {
-            let (kind, placement, path) = ball_row::decode(&of, (folder, read), state)?;
+            let (kind, placement, path) = row_file::decode(&of, (folder, read), state)?;
             bar = Some(placement);
             files.push(path);
             kind
@@ -267,7 +264,7 @@ fn decode_observation(
         state.notes.push(value.error(note).to_string());
     }
     if let Some(bar) = bar {
-        ball_row::place_bar(&bar, &table, machine, &mut rows.rows, &mut state.setup)?;
+        row_file::place_bar(&bar, &table, machine, &mut rows.rows, &mut state.setup)?;
     }
     if !rows.has_tool {
         state.without_tool.push(name.clone());

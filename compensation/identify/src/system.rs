@@ -10,14 +10,12 @@ use volcomp_kinematics::{ErrorMotion, ErrorSource, State, nalgebra::Vector3};
 use volcomp_model::{Machine, Temperatures};
 use volcomp_vocabulary::{Component, Direction, Displacement, MAX_AXES};
 
-use crate::{
-    checks::input::check,
-    coefficients::{Coefficient, Role, Unknowns, micro},
-    derivatives::{Errors, component_of},
-    error::IdentifyError,
-    observations::{MachinePose, Observations, Part, Row, RowReading, SetUp},
-    params::{self, Param, Parameter, Params, Values},
-};
+use crate::checks::check;
+use crate::coefficients::{Coefficient, Role, Unknowns, micro};
+use crate::derivatives::{Errors, component_of};
+use crate::error::IdentifyError;
+use crate::observations::{MachinePose, Observations, Part, Row, RowReading, SetUp};
+use crate::params::{self, Param, Parameter, Params, Values};
 
 #[derive(Clone, Debug)]
 pub(crate) struct System {

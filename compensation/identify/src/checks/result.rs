@@ -7,17 +7,14 @@ use volcomp_kinematics::nalgebra::{DVector, Vector3};
 use volcomp_model::Machine;
 use volcomp_vocabulary::{AxisKind, AxisName};
 
-use crate::{
-    checks::{limit_mm, median},
-    error::{FarFile, IdentifyError, at},
-    fit::{Fitted, LARGEST},
-    observations::{Observations, Part, Row, RowReading},
-    params::{Param, Values},
-    rank::{Rank, of_unit_length},
-    solve::max_squares_by_chance,
-    system::{Rows, System},
-    triangle::triangle,
-};
+use super::{limit_mm, median};
+use crate::error::{FarFile, IdentifyError, at};
+use crate::fit::{Fitted, LARGEST};
+use crate::observations::{Observations, Part, Row, RowReading};
+use crate::params::{Param, Values};
+use crate::rank::{Rank, of_unit_length, triangle};
+use crate::solve::max_squares_by_chance;
+use crate::system::{Rows, System};
 
 /// Maximum distance of a row from the nominal machine, mm, scaled by [`limit_mm`]. A newly assembled machine deviates by a few mm.
 const MAX_FROM_NOMINAL_MM: f64 = 10.0;

@@ -144,7 +144,7 @@ def write(path, header, rows):
         out.writerows(rows)
 
 
-# The problem of `tests/it/peer.rs`, the same unknowns by other means.
+# The problem of `tests/it/simulated.rs`, the same unknowns by other means.
 UNKNOWN = ["EC0Y", "EA0Z", "EB0Z", "EA0C", "EB0C", "EXX 1", "EYY 1", "EZZ 1", "EYX 2", "EYX 3", "ECC 0", "ECC cos", "ECC sin"]
 
 
