@@ -1,16 +1,125 @@
-//! Fits the lines of one error to one curve, or to one curve for each direction, and evaluates the fit.
+//! Fits the lines of one error to one curve, or to one curve for each direction, and evaluates the fit; fits the
+//! readings of one measurement.
 
 use volcomp_curve::{ErrorCurve, Field};
-use volcomp_fit::{Band, Between, Choice, Fit, FitError, FitOptions, Method, Noise, band_places};
-use volcomp_metrology::{MotionKind, ReferenceLine, RunAlignment};
-use volcomp_vocabulary::{Direction, ErrorName, Um, Urad};
-
-use crate::{
-    curve_choice::CurveChoice,
-    error::CalibrateError,
-    profile::{Points, Profile, files_of},
-    repeated::Repeated,
+use volcomp_fit::{
+    Band, BandOptions, Between, Choice, Fit, FitError, FitOptions, Method, Noise, band,
+    band_of_means, band_places, choose,
 };
+use volcomp_kinematics::Joint;
+use volcomp_kinematics::nalgebra::Vector3;
+use volcomp_metrology::{Measurement, MotionKind, Reading, ReferenceLine, RunAlignment, axis_kind};
+use volcomp_model::{Axis, Machine, ModelError, Source};
+use volcomp_vocabulary::{AxisKind, Component, Direction, ErrorName, Um, Urad};
+
+use crate::calibration_file::{CalibrationFile, lines_of};
+use crate::curve_choice::CurveChoice;
+use crate::error::CalibrateError;
+use crate::profile::{Points, Profile, Repeated, files_of, mean_scatter};
+
+/// A curve through the mean readings of a measurement, of an automatically chosen kind.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReadingsFit {
+    /// The curve with its residuals at the mean readings.
+    pub fit: Fit,
+    /// The chosen kind and the scores of all kinds.
+    pub choice: Choice,
+    /// Pointwise 95 % confidence band; `None` if unknown.
+    pub band: Option<Band>,
+}
+
+pub(crate) type Run = (Vec<f64>, Vec<f64>);
+
+/// Chooses a curve from all runs of a measurement, by the same rule as a calibration, and fits it to the mean reading of each target.
+/// `required` is the largest admissible residual, in the unit of the readings.
+///
+/// # Errors
+/// Same as [`choose`].
+pub fn fit_readings(
+    measurement: &Measurement,
+    required: Option<f64>,
+) -> Result<ReadingsFit, FitError> {
+    let (x, u): Run = measurement.mean_curve().into_iter().unzip();
+    let incomplete = measurement.incomplete_runs();
+    let mut runs = match incomplete {
+        Some(_) => Vec::new(),
+        None => whole_runs(measurement),
+    };
+    if runs.is_empty() {
+        runs.push((x.clone(), u.clone()));
+    }
+    let options = FitOptions {
+        required_residual: required,
+        period: period(measurement),
+        noise: incomplete.as_ref().and(noise_of_mean(measurement)),
+    };
+    let all = |of: fn(&Run) -> &Vec<f64>| -> Vec<f64> {
+        runs.iter().flat_map(|run| of(run).iter().copied()).collect()
+    };
+    let (all_x, all_u) = (all(|run| &run.0), all(|run| &run.1));
+    let choice = choose(&[(&all_x, &all_u)], &options)?;
+    let mut fit = choice.method.fit(&x, &u)?;
+    fit.meets_required = required.map(|residual| fit.max_abs() <= residual);
+    let runs: Vec<(&[f64], &[f64])> = runs.iter().map(|(x, u)| (&x[..], &u[..])).collect();
+    // There is no band if the method cannot be fitted to some of the runs.
+    let places = band_places(&x);
+    let options = BandOptions::default();
+    let scatter = incomplete.and_then(|of| mean_scatter(&of, None, &options));
+    let found = match scatter {
+        Some(scatter) => band_of_means(choice.method, [&x, &u], &scatter, &places),
+        None => band(choice.method, &runs, &places, &options),
+    };
+    let found = found.ok();
+    let band = found.filter(|band| band.half_width.iter().all(|half| half.is_finite()));
+    Ok(ReadingsFit { fit, choice, band })
+}
+
+/// The period of the targets, deg, for a rotary axis measured over a full turn. A calibration uses
+/// the travel of the axis instead, which a file of readings does not state.
+fn period(measurement: &Measurement) -> Option<f64> {
+    if axis_kind(measurement) != Some(AxisKind::Rotary) {
+        return None;
+    }
+    let targets = measurement.targets();
+    let range = targets.last()? - targets.first()?;
+    // For a full turn, the gap from the last target to the first target of the next turn must equal the other gaps.
+    let gap = range / targets.len().checked_sub(1).filter(|gaps| *gaps > 0)? as f64;
+    (range + gap >= FULL_TURN_DEG * (1.0 - 1e-9)).then_some(FULL_TURN_DEG)
+}
+
+const FULL_TURN_DEG: f64 = 360.0;
+
+/// Averages both directions of each run at the targets that the run has in all directions, because differences between
+/// directions are not scatter.
+fn whole_runs(measurement: &Measurement) -> Vec<Run> {
+    let ways = Direction::BOTH.into_iter().filter(|way| measurement.has(*way)).count();
+    let mut readings: Vec<_> = measurement.readings.iter().collect();
+    readings.sort_by(|a, b| (a.run.cmp(&b.run)).then(a.target.total_cmp(&b.target)));
+    let by_run = readings.chunk_by(|a, b| a.run == b.run);
+    let run = |readings: &[&Reading]| -> Run {
+        let at_target = readings.chunk_by(|a, b| a.target == b.target);
+        let mean = |at: &[&Reading]| {
+            let mut directions: Vec<_> = at.iter().map(|reading| reading.direction).collect();
+            directions.sort_unstable_by_key(|direction| *direction as usize);
+            directions.dedup();
+            let target = at.first()?.target;
+            let sum: f64 = at.iter().map(|reading| reading.deviation).sum();
+            (directions.len() == ways).then(|| (target, sum / at.len() as f64))
+        };
+        at_target.filter_map(mean).unzip()
+    };
+    by_run.map(run).filter(|(targets, _)| !targets.is_empty()).collect()
+}
+
+/// Scatter of the mean reading of a target, averaged over its directions, about the curve; `None` if no target was read twice.
+pub fn noise_of_mean(measurement: &Measurement) -> Option<Noise> {
+    let scatter = measurement.scatter_of_mean(RunAlignment::Line)?;
+    let ways = Direction::BOTH.into_iter().filter(|way| measurement.has(*way));
+    Some(Noise {
+        deviation: scatter.deviation / (ways.count() as f64).sqrt(),
+        freedom: scatter.freedom,
+    })
+}
 
 /// Lines are aligned when no line moves by more than this in a round, µm or µrad.
 const LINES_AGREE_UM: f64 = 1e-6;
@@ -189,7 +298,7 @@ impl Branches {
     }
 
     /// Scales the curves to (curve − `zero`) × `factor`, and the residuals by the factor.
-    pub(crate) fn scaled(&self, factor: f64, zero: f64) -> Self {
+    fn scaled(&self, factor: f64, zero: f64) -> Self {
         let mut scaled = self.clone();
         for (_, fit) in &mut scaled.fits {
             fit.curve = fit.curve.clone().offset(-zero).scaled(factor);
@@ -278,7 +387,7 @@ impl Branches {
     }
 
     /// A pair of curves if the error was fitted in both directions, else a single curve.
-    pub(crate) fn into_curve(self) -> ErrorCurve {
+    fn into_curve(self) -> ErrorCurve {
         let mut fields = self.fits.into_iter().map(|(_, fit)| Field::Curve(fit.curve));
         match (fields.next(), fields.next()) {
             (Some(forward), Some(backward)) => ErrorCurve::Pair { forward, backward },
@@ -407,6 +516,130 @@ pub struct FitQuality<U> {
     pub reversal: Option<U>,
 }
 
+/// A fitted error with its curve for each direction, zero at the reference.
+pub(crate) struct Fitted {
+    pub(crate) error: ErrorName,
+    pub(crate) branches: Branches,
+    pub(crate) lines: Vec<FittedLine>,
+}
+
+impl Fitted {
+    pub(crate) fn set_in(&self, machine: &mut Machine) -> Result<(), ModelError> {
+        machine.set_error(self.error, self.branches.clone().into_curve())
+    }
+}
+
+pub(crate) fn joint_of(machine: &Machine, error: ErrorName) -> Result<Joint, ModelError> {
+    Ok(machine.chain().joints()[machine.index_of(error.axis)?])
+}
+
+/// Period of errors along an axis, deg; `None` if the axis covers less than a full turn, since the errors at both ends of its travel are then
+/// unrelated.
+fn period_of(axis: &Axis) -> Option<f64> {
+    let [low, high] = axis.travel;
+    let turns = axis.name.is_rotary() && high - low >= FULL_TURN_DEG * (1.0 - 1e-9);
+    turns.then_some(FULL_TURN_DEG)
+}
+
+/// Fits the profiles of an error. Returns its curves, zero at the reference (a straightness has
+/// already lost its constant with its line), and the aligned profiles. A positioning deviation
+/// along an oblique axis gives one curve for each component of the direction of the axis.
+pub(crate) fn fit<'a>(
+    file: &CalibrationFile,
+    error: ErrorName,
+    profiles: Vec<Profile<'a>>,
+) -> Result<(Vec<Fitted>, Vec<Profile<'a>>), CalibrateError> {
+    let machine = &file.machine;
+    let profiles = match machine.axis(error.axis) {
+        Some(axis) => {
+            let profiles = profiles.into_iter();
+            profiles.map(|profile| profile.within_travel(axis)).collect()
+        }
+        None => profiles,
+    };
+    let choice = profiles.iter().find_map(|profile| profile.line.curve);
+    let period = machine.axis(error.axis).and_then(period_of);
+    let (branches, profiles) = Branches::fit(error, choice.unwrap_or_default(), period, profiles)?;
+    let zero = if MotionKind::of(error) == MotionKind::Straightness {
+        0.0
+    } else {
+        branches.mean_at(file.reference_at(machine.index_of(error.axis)?))
+    };
+    let mut fitted = Vec::new();
+    for (filled, share) in shares(error, &joint_of(machine, error)?.direction) {
+        if filled != error && lines_of(file, filled).next().is_some() {
+            return Err(CalibrateError::Oblique {
+                error,
+                files: files_of(&profiles),
+                axis: error.axis,
+                other: filled,
+            });
+        }
+        let lines = profiles.iter();
+        let lines = lines.map(|profile| FittedLine::new(file, filled, profile, (share, zero)));
+        fitted.push(Fitted {
+            error: filled,
+            branches: branches.scaled(share, zero),
+            lines: lines.collect(),
+        });
+    }
+    Ok((fitted, profiles))
+}
+
+/// Errors to which readings of `error` contribute, each with its factor: a positioning deviation p of the coordinate contributes δ = u·p (rotary:
+/// ε = u·p), where u is the direction of the axis.
+fn shares(error: ErrorName, direction: &Vector3<f64>) -> Vec<(ErrorName, f64)> {
+    if MotionKind::of(error) != MotionKind::Positioning {
+        return vec![(error, 1.0)];
+    }
+    let of_kind = |component: &Component| component.is_angular() == error.component.is_angular();
+    let components = Component::ALL.into_iter().filter(of_kind);
+    let shares = components.map(|component| {
+        let name = ErrorName::motion(component, error.axis);
+        (name, direction[component.mcs_index()])
+    });
+    shares.filter(|(_, share)| share.abs() > 1e-12).collect()
+}
+
+/// One measured line of an error, aligned with its curve.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FittedLine {
+    /// The error that the curve describes.
+    pub error: ErrorName,
+    /// Index of the line in [`CalibrationFile::measurements`]; `None` if its readings were computed from several other lines.
+    pub line: Option<usize>,
+    /// Files of the line's readings.
+    pub sources: Vec<Source>,
+    /// Targets (mm or deg, ascending) and mean readings (µm or µrad), forward and backward. The
+    /// contributions of tilts and other axes are subtracted, and for a straightness its line. The
+    /// readings are aligned with the first line of the error, and zero at the reference like the
+    /// curve. Empty for a direction that was not run.
+    pub points: [Vec<(f64, f64)>; 2],
+    /// Factor from a difference of readings to a difference of the error: 1, or for an oblique axis the component of its direction.
+    pub factor: f64,
+}
+
+impl FittedLine {
+    pub(crate) fn new(
+        file: &CalibrationFile,
+        error: ErrorName,
+        profile: &Profile<'_>,
+        (factor, zero): (f64, f64),
+    ) -> Self {
+        let mut lines = file.measurements.iter();
+        Self {
+            error,
+            line: lines.position(|line| std::ptr::eq(line, profile.line)),
+            sources: profile.line.sources.clone(),
+            factor,
+            points: profile.points.each_ref().map(|points| {
+                let points = points.iter();
+                points.map(|(target, value)| (*target, (value - zero) * factor)).collect()
+            }),
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeMap;
@@ -417,15 +650,12 @@ mod tests {
     use volcomp_vocabulary::AxisName;
 
     use super::*;
-    use crate::{
-        angular::from_parallel_lines,
-        artefact_poses::ArtefactPoses,
-        checks::contradictions::Tilts,
-        linear::linear,
-        setup::Method as Reads,
-        testing::{file, line, machine, name},
-        varied::normal,
-    };
+    use crate::calibration_file::Method as Reads;
+    use crate::checks::Tilts;
+    use crate::line_of_sight::ArtefactPoses;
+    use crate::stages::{from_parallel_lines, linear};
+    use crate::testing::{file, line, machine, name};
+    use crate::varied::normal;
 
     /// Fits lines of EYX at these heights above the axis, mm. EYX is 0, and a roll of up to 10 µrad bends the lines apart; `roll` is what the machine
     /// file states of it. Each reading has this noise, µm.

@@ -11,13 +11,10 @@ use volcomp_metrology::{Content, KnownReadings, Metadata, anomalies, read_conten
 use volcomp_model::Machine;
 use volcomp_vocabulary::ErrorName;
 
-use crate::{
-    checks::lines::different_machines,
-    proposal::{
-        DEFAULT, FileHints, Proposed, Question, ask_for_levers, of_log, of_measurement, open,
-        out_of_place, sort,
-    },
-    questions::{OPEN, question},
+use crate::checks::different_machines;
+use crate::proposal::{
+    DEFAULT, FileHints, OPEN, Proposed, Question, ask_for_levers, of_log, of_measurement, open,
+    out_of_place, question, sort,
 };
 
 /// A calibration file with open questions for the user.

@@ -1,7 +1,11 @@
-//! Proposes a measurement for one file of a folder, from its header, extension and name.
+//! Proposes a measurement for one file of a folder, from its header, extension and name; values that remain open are
+//! `"?"`.
 
-use std::{collections::BTreeMap, path::Path};
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::Path;
 
+use volcomp_document::{InputError, Section, Value};
 use volcomp_metrology::{
     DeviationUnit, FileFormat, Measurement, Metadata, MotionKind, Quantity, axis_named,
     errors_named,
@@ -9,10 +13,108 @@ use volcomp_metrology::{
 use volcomp_model::{Axis, Machine};
 use volcomp_vocabulary::{AxisName, Component, ErrorName};
 
-use crate::{
-    checks::lines::{beyond_travel, other_machine},
-    questions::{OPEN, question},
-};
+use crate::checks::{beyond_travel, other_machine};
+
+/// Placeholder of a value that the user has to state.
+pub const OPEN: &str = "?";
+
+/// Tables in which values may be open.
+const TABLES: [&str; 2] = ["measurement", "squareness"];
+/// Tables within a `[[measurement]]` whose values may be open individually.
+const INNER: [&str; 3] = ["at", "columns", "channels"];
+
+/// Question for an open value. `key` is a key of a `[[measurement]]` or a `[[squareness]]`; `inner` is a key of a table
+/// that is the value of `key`.
+pub(crate) fn question(key: &str, inner: Option<&str>) -> String {
+    match (key, inner) {
+        ("at", Some(axis)) => {
+            // The decoder rejects a key that is not an axis.
+            let unit = axis
+                .parse::<AxisName>()
+                .map_or("mm or deg", |axis| axis.kind().coordinate_unit());
+            return format!(
+                "where did axis {axis} stand during this test, {unit}? Default: at 0."
+            );
+        }
+        ("channels", Some("target")) => "which channel is the position of the axis?",
+        ("channels", Some("reading")) => "which channel is the instrument?",
+        ("channels", Some("reading_is")) => {
+            "does the instrument's channel hold a \"position\" or a \"deviation\"?"
+        }
+        ("channels", Some("unit")) | ("unit", None) => {
+            "in which unit are the readings? An angle for a level or an autocollimator on a bridge, also where the error is a straightness."
+        }
+        ("error", None) => "which error does this file measure?",
+        ("file", None) => "which of these files is the right one?",
+        ("at", None) => "where did the other axes stand during this test?",
+        ("point", None) => {
+            "where was the measured point, [x, y, z] in mm of the machine, with the measured axis at 0? It gives the levers of the tilts. Default: the point of the axis in the machine file."
+        }
+        ("rides", None) => {
+            "on which side of the joint was the measured point? \"carriage\": on the part that this axis moves, as a reflector on its slide is. \"other\": on the part along which it moves, so that the way travelled is a lever as well. Default: \"carriage\"."
+        }
+        ("sign", None) => {
+            "whose motion did the instrument show, and with which sign: 1 or -1? 1 where a positive reading means that the tool went to plus seen from the workpiece; -1 where it means that the table or the guideway did, or where the instrument counts the other way round. Default: 1."
+        }
+        ("bridge_mm", None) => "how far apart were the feet of the bridge, mm?",
+        ("reading", None) => "how is the sign of a tilt meant, \"right-hand\" or \"slope\"?",
+        ("holds_location", None) => {
+            "were the readings taken against the commanded pose (true) or against the axis itself (false)?"
+        }
+        ("reference_angle_urad", None) => {
+            "by how much is the angle between the plus directions of the two references, the sides of the square or the two beams, more than 90°, µrad? 0 for a perfect square, else the value in its certificate; or state `value_urad`, the squareness itself, in its place."
+        }
+        _ => "which value is it?",
+    }
+    .to_owned()
+}
+
+/// Rejects a file with open values; the message states the first question and the number of further questions.
+pub(crate) fn refuse_open(root: &Section<'_>) -> Result<(), InputError> {
+    let mut open = Vec::new();
+    for key in TABLES {
+        let Some(value) = root.get(key) else { continue };
+        for item in value.items()? {
+            // The decoder reports items that are not a table.
+            if let Ok(section) = item.section() {
+                collect(&section, &mut open);
+            }
+        }
+    }
+    open.sort_by_key(|error: &InputError| error.line);
+    let more = open.len().saturating_sub(1);
+    let Some(mut first) = open.into_iter().next() else {
+        return Ok(());
+    };
+    match more {
+        0 => {}
+        1 => first.message += " (and one more open question below)",
+        // Writing to a String cannot fail.
+        _ => drop(write!(first.message, " (and {more} more open questions below)")),
+    }
+    Err(first)
+}
+
+fn collect(section: &Section<'_>, open: &mut Vec<InputError>) {
+    let is_open = |value: &Value<'_>| value.text().is_ok_and(|text| text == OPEN);
+    let mut ask = |value: &Value<'_>, key: &str, inner: Option<&str>| {
+        let question = question(key, inner);
+        open.push(
+            value.error(format!("open question: {question} State it in place of \"{OPEN}\"")),
+        );
+    };
+    for (key, value) in section.values() {
+        if is_open(&value) {
+            ask(&value, key, None);
+        } else if INNER.contains(&key)
+            && let Ok(inner) = value.section()
+        {
+            for (name, value) in inner.values().filter(|(_, value)| is_open(value)) {
+                ask(&value, key, Some(name));
+            }
+        }
+    }
+}
 
 /// One `[[measurement]]` of a draft.
 #[derive(Clone, Debug, PartialEq)]
@@ -110,9 +212,9 @@ pub(crate) struct FileFacts {
     pub(crate) quantity: Option<Quantity>,
     pub(crate) format: Option<FileFormat>,
     pub(crate) unit: Option<DeviationUnit>,
-    pub(crate) asks_unit: bool,
+    asks_unit: bool,
     /// Whether the file is a log whose channels are not yet assigned.
-    pub(crate) is_log: bool,
+    is_log: bool,
     /// Whether the position of the line has no effect, because no tilt is known or can be computed from the lines.
     pub(crate) without_levers: bool,
 }
@@ -336,7 +438,7 @@ fn proposed(file: String, error: Option<ErrorName>, facts: FileFacts) -> Propose
     found
 }
 
-pub(crate) fn candidates(axis: AxisName, quantity: Option<Quantity>) -> Vec<ErrorName> {
+fn candidates(axis: AxisName, quantity: Option<Quantity>) -> Vec<ErrorName> {
     let errors = Component::ALL.map(|component| ErrorName::motion(component, axis));
     let is_own = |error: &ErrorName| error.component.mcs_index() == axis.mcs_index();
     let fits = |error: &ErrorName| match quantity {
@@ -512,6 +614,13 @@ pub(crate) fn sort(proposed: &mut [Proposed]) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_question_for_a_position_has_the_unit_of_its_axis() {
+        let asked = |axis| question("at", Some(axis));
+        assert_eq!(asked("X"), "where did axis X stand during this test, mm? Default: at 0.");
+        assert!(asked("C").contains("this test, deg?"), "{}", asked("C"));
+    }
 
     #[test]
     fn places_stand_behind_their_letter() {

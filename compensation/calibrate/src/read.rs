@@ -11,18 +11,17 @@ use volcomp_metrology::{
 use volcomp_model::{Axis, Machine, Source};
 use volcomp_vocabulary::{AxisName, Direction, ErrorName};
 
-use crate::{
-    calibration_file::{CalibrationFile, Diagonals, Line, Location, Squareness, Uncertainty},
-    checks::lines::{refuse, refuse_serial, refuse_turning, refuse_twice},
-    curve_choice::CurveChoice,
-    error::CalibrateError,
-    observed::{Direct, decode_observations},
-    questions::refuse_open,
-    setup::{Method, Setup, decode_motion, set_coordinates},
-    squareness::square_of,
-    tables::{
-        decode_location, decode_squareness, read_measurement, sources_of, standard_uncertainty,
-    },
+use crate::calibration_file::{
+    CalibrationFile, Diagonals, Line, Location, Method, Setup, Squareness, Uncertainty,
+    decode_motion, set_coordinates, square_of,
+};
+use crate::checks::{refuse, refuse_serial, refuse_turning, refuse_twice};
+use crate::curve_choice::CurveChoice;
+use crate::error::CalibrateError;
+use crate::proposal::refuse_open;
+use crate::tables::{
+    Direct, decode_location, decode_observations, decode_squareness, read_measurement, sources_of,
+    standard_uncertainty,
 };
 
 impl CalibrationFile {

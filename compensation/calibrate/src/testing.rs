@@ -4,11 +4,8 @@ use volcomp_metrology::{Measurement, Reading, ReferenceKind, Rides};
 use volcomp_model::Machine;
 use volcomp_vocabulary::{AxisName, Direction, ErrorName};
 
-use crate::{
-    calibration_file::{CalibrationFile, Line, Uncertainty},
-    curve_choice::CurveChoice,
-    setup::{Method, Setup},
-};
+use crate::calibration_file::{CalibrationFile, Line, Method, Setup, Uncertainty};
+use crate::curve_choice::CurveChoice;
 
 /// Machine with three axes, in which X carries the table; travels of 1000 mm.
 pub(crate) fn machine(errors: &str) -> Machine {

@@ -1,12 +1,9 @@
 //! Calibrations of readings computed from a known machine give its volumetric error.
 
 mod answers;
-mod both_sides;
 mod draft;
-mod fuzz_corpus;
 mod gantry;
 mod incomplete_runs;
-mod instrument;
 mod lab;
 mod located;
 mod messages;

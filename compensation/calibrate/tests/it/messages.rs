@@ -1,10 +1,11 @@
 //! Wrong calibration files are rejected with file, line and key.
 
 use std::fmt::Write;
+use std::fs;
 
 use volcomp_calibrate::{CalibrationFile, calibrate};
 use volcomp_metrology::{DeviationUnit, Measurement, Reading, write_renishaw};
-use volcomp_test_support::cases;
+use volcomp_test_support::{cases, root};
 use volcomp_vocabulary::Direction;
 
 use crate::lab::Lab;
@@ -380,4 +381,37 @@ fn curves_unsupported_between_targets_are_noted() {
             None => assert!(notes.is_empty(), "{notes:?}"),
         }
     }
+}
+
+/// The machine of `tests/fuzz/fuzz_targets/calibration.rs`.
+const MACHINE: &str = "structure = \"w b X Y C t\"
+axes.X.travel = [0.0, 500.0]
+axes.Y.travel = [0.0, 400.0]
+axes.C.travel = [-180.0, 180.0]
+";
+
+#[test]
+fn calibration_files() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let write = |name: &str, text: &str| {
+        fs::write(folder.path().join(name), text).expect("written");
+    };
+    write("machine.toml", MACHINE);
+    let mut count = 0;
+    for entry in fs::read_dir(root().join("tests/fuzz/corpus/calibration")).expect("a folder") {
+        let path = entry.expect("an entry").path();
+        let name = path.file_name().expect("a name").display().to_string();
+        let text = String::from_utf8_lossy(&fs::read(&path).expect("read")).into_owned();
+        let (keys, rows) = text.split_once("\n===\n").unwrap_or((&text, ""));
+        write("c.toml", keys);
+        write("m.csv", rows);
+        let found = CalibrationFile::read(&folder.path().join("c.toml"));
+        assert!(found.is_ok() || !name.starts_with("valid-"), "{name}: {found:?}");
+        assert!(found.is_err() || !name.starts_with("broken-"), "{name} was read");
+        if let Ok(file) = found {
+            let _ = calibrate(&file, |_, _| {});
+        }
+        count += 1;
+    }
+    assert!(count >= 3, "{count} files");
 }

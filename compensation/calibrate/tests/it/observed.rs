@@ -11,11 +11,8 @@ use volcomp_model::{Machine, Temperatures};
 use volcomp_test_support::cases;
 use volcomp_vocabulary::{AxisName, ErrorName};
 
-use crate::{
-    instrument::Noise,
-    lab::Lab,
-    located::{GEOMETRY, LOCATIONS, MORE, largest_difference_um, lines, slope, truth},
-};
+use crate::lab::{Lab, Noise};
+use crate::located::{GEOMETRY, LOCATIONS, MORE, largest_difference_um, lines, slope, truth};
 
 /// Error motions of rotary axes that are measured along a line; the true machine has no other error motions of rotary
 /// axes.

@@ -7,10 +7,7 @@ use volcomp_kinematics::Form;
 use volcomp_model::{Machine, Temperatures};
 use volcomp_vocabulary::AxisName;
 
-use crate::{
-    instrument::{Line, Noise, measure},
-    lab::Lab,
-};
+use crate::lab::{Lab, Line, Noise, measure};
 
 const TRAVEL: [[f64; 2]; 3] = [[0.0, 8000.0], [0.0, 4000.0], [0.0, 2500.0]];
 

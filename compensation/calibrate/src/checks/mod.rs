@@ -1,3 +1,0 @@
-pub(crate) mod contradictions;
-pub(crate) mod lines;
-pub(crate) mod result;
