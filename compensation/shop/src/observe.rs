@@ -1,11 +1,5 @@
 //! Generates the row files of the volumetric instruments, and the file of observations that names them.
 
-mod bars;
-mod diagonals;
-mod distances;
-mod points;
-mod spheres;
-
 use std::fmt::Write;
 
 use rand::{RngExt, SeedableRng};
@@ -13,19 +7,14 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use volcomp_document::{csv_cell, toml_string};
 use volcomp_identify::Approach;
-use volcomp_kinematics::{
-    State,
-    nalgebra::{Matrix3, Vector3},
-};
+use volcomp_kinematics::State;
+use volcomp_kinematics::nalgebra::{Matrix3, Rotation3, Vector3};
 use volcomp_model::Machine;
-use volcomp_vocabulary::{Direction, Displacement, MAX_AXES};
+use volcomp_vocabulary::{AxisKind, AxisName, Direction, Displacement, MAX_AXES};
 
-use crate::{
-    error::{ObservationError, ShopError},
-    observation::{Poses, Setting, ShopObservation},
-    poses::FreeAxes,
-    shop::{CALIBRATED, Shop},
-};
+use crate::error::{ObservationError, ShopError};
+use crate::poses::{FreeAxes, Plan, actual_tip};
+use crate::shop::{Bar, CALIBRATED, Poses, Reads, Setting, Shop, ShopObservation};
 
 /// Number of the first random stream of observations, separate from those of lines.
 const FIRST_STREAM: u64 = 1 << 32;
@@ -292,4 +281,446 @@ fn number(x: f64) -> String {
     let text = format!("{x:.6}");
     let text = text.trim_end_matches('0').trim_end_matches('.');
     if text == "-0" { "0".to_owned() } else { text.to_owned() }
+}
+
+struct TrueBar {
+    origin: Vector3<f64>,
+    /// Matrix whose columns are the nominal directions along and across the bar.
+    axes: Matrix3<f64>,
+    along: Vector3<f64>,
+    distances: Vec<f64>,
+}
+
+struct AtMark {
+    pass: usize,
+    mark: usize,
+    state: State,
+    read: Option<Vector3<f64>>,
+}
+
+impl Observer<'_> {
+    /// Draws the actual bar on the table: tilted, with distances that deviate according to their calibration.
+    fn true_bar(&mut self, bar: &Bar) -> Result<TrueBar, ObservationError> {
+        let along = Vector3::from(bar.direction)
+            .try_normalize(1e-12)
+            .ok_or(ObservationError::NoDirection)?;
+        let axes = across(&along);
+        let tilt = 1e-6 * self.what.instrument.alignment.0;
+        let tilted = Vector3::new(1.0, tilt * self.normal(), tilt * self.normal());
+        let mut distances = Vec::new();
+        for &distance in &bar.distances {
+            let by = self.normal() * 1e-3 * bar.calibration.0;
+            distances.push(if distance == 0.0 { 0.0 } else { distance + by });
+        }
+        Ok(TrueBar {
+            origin: bar.origin.into(),
+            axes,
+            along: (axes * tilted).normalize(),
+            distances,
+        })
+    }
+
+    /// Measures the marks of a bar, forward and, if requested, back.
+    fn along(
+        &mut self,
+        bar: &Bar,
+        real: &TrueBar,
+        reads: Reads,
+    ) -> Result<Vec<AtMark>, ObservationError> {
+        let passes = self.passes(bar.distances.len());
+        let rows = passes.len() * bar.distances.len();
+        let drift = self.direction();
+        let mut found = Vec::with_capacity(rows);
+        for (pass, marks) in passes.into_iter().enumerate() {
+            for mark in marks {
+                let nominal = real.origin + real.axes.column(0) * bar.distances[mark];
+                let held = self.free_axes.ideal(self.tools.machine(pass), self.held()?, &nominal);
+                let state = held.ok_or(ObservationError::NotReached { at: nominal.into() })?;
+                let drifted = self.drift_mm(&drift, found.len(), rows);
+                let place = real.origin + drifted + real.along * real.distances[mark];
+                let (state, read) = self.at_centre(pass, state, &place, &real.axes, reads)?;
+                found.push(AtMark { pass, mark, state, read });
+            }
+        }
+        Ok(found)
+    }
+
+    /// Measures a step gauge. Its faces are recorded like balls that are read only along the bar. Lengths of one run share their first face,
+    /// and all runs share the calibration.
+    fn step_gauge(&mut self, bar: &Bar) -> Result<Made, ObservationError> {
+        let real = self.true_bar(bar)?;
+        let rows = self.along(bar, &real, Reads::Coordinates)?;
+        Ok(self.row_of(bar, &real, &rows, "F", [",along_um", ",0"]))
+    }
+
+    fn ball_row(&mut self, bar: &Bar, reads: Reads) -> Result<Made, ObservationError> {
+        let real = self.true_bar(bar)?;
+        let rows = self.along(bar, &real, reads)?;
+        let offsets = match reads {
+            Reads::Coordinates => "",
+            Reads::Offset => ",along_um,side1_um,side2_um",
+        };
+        Ok(self.row_of(bar, &real, &rows, "B", [offsets, ""]))
+    }
+
+    /// Creates the row files of a bar. `letter` names its balls or faces. `head` is the header of the offset columns, and `always` the constant
+    /// reading in the last of them.
+    fn row_of(
+        &self,
+        bar: &Bar,
+        real: &TrueBar,
+        rows: &[AtMark],
+        letter: &str,
+        [head, always]: [&str; 2],
+    ) -> Made {
+        let mut text = format!("{}{}ball{head}\n", self.axes_header(), self.tool_header());
+        for AtMark { pass, mark, state, read } in rows {
+            let (at, tool) = (self.coordinates(state), self.tools.cell(*pass));
+            push_offset(&mut text, &format!("{at}{tool}{letter}{}{always}", mark + 1), *read);
+        }
+        let mut row = String::from("ball,distance_mm,uncertainty_um\n");
+        for (mark, &distance) in bar.distances.iter().enumerate() {
+            let uncertainty = if distance == 0.0 { 0.0 } else { bar.calibration.0 };
+            let _ =
+                writeln!(row, "{letter}{},{},{}", mark + 1, number(distance), number(uncertainty));
+        }
+        let name = &self.what.name;
+        let (file, row_file) = (format!("{name}.csv"), format!("{name}-row.csv"));
+        let mut tables = self.table("ball-row", &file, self.what.uncertainty_um());
+        let side: Vec<String> = real.axes.column(1).iter().map(|x| number(*x)).collect();
+        let _ = writeln!(tables, "row = {}\nside1 = [{}]", toml_string(&row_file), side.join(", "));
+        Made { files: vec![(file, text), (row_file, row)], tables }
+    }
+}
+
+impl Observer<'_> {
+    pub(super) fn diagonals(&mut self, names: &[String]) -> Result<Made, ObservationError> {
+        let mut made = Made { files: Vec::new(), tables: String::new() };
+        for name in names {
+            let (file, text, direction) = self.diagonal(name)?;
+            let mut tables = self.table("line", &file, self.what.uncertainty_um());
+            let [x, y, z] = direction.map(number).into();
+            let slope =
+                if self.what.instrument.alignment.0 > 0.0 { "slope = \"unknown\"\n" } else { "" };
+            let _ = write!(tables, "direction = [{x}, {y}, {z}]\noffset = \"unknown\"\n{slope}");
+            made.tables.push_str(&tables);
+            made.files.push((file, text));
+        }
+        Ok(made)
+    }
+
+    fn diagonal(&mut self, name: &str) -> Result<(String, String, Vector3<f64>), ObservationError> {
+        let targets = self.what.instrument.targets;
+        let mut ends = [self.what.at.clone(), self.what.at.clone()];
+        for (axis, sense) in [AxisName::X, AxisName::Y, AxisName::Z].into_iter().zip(name.chars()) {
+            let travel = self.truth.axes()[self.truth.index_of(axis)?].travel;
+            let [from, to] = if sense == 'N' { [travel[1], travel[0]] } else { travel };
+            ends[0].push((axis, from));
+            ends[1].push((axis, to));
+        }
+        let [from, to] = ends;
+        let (from, to) = (self.truth.state(&from)?, self.truth.state(&to)?);
+        let place = |target: usize| {
+            let share = target as f64 / (targets.max(2) - 1) as f64;
+            let mut state = from;
+            for (q, end) in state.q.iter_mut().zip(&to.q) {
+                *q += (end - *q) * share;
+            }
+            state
+        };
+        let tip = |state: &State| self.truth.chain().ideal_tip_mm(state);
+        let way = tip(&to) - tip(&from);
+        let along = way.try_normalize(1e-12).ok_or(ObservationError::NoDirection)?;
+        let axes = across(&along);
+        let first = tip(&from);
+        let tilt = 1e-6 * self.what.instrument.alignment.0;
+        let tilted = Vector3::new(1.0, tilt * self.normal(), tilt * self.normal());
+        let sight = (axes * tilted).normalize();
+        let passes = self.passes(targets);
+        let rows = passes.len() * targets;
+        let mut text = format!("{}deviation_um\n", self.axes_header());
+        self.approach = from_one_side(&mut self.sides);
+        for (row, target) in passes.into_iter().flatten().enumerate() {
+            let mut state = place(target);
+            self.approach.to(&mut state, self.truth);
+            let actual = actual_tip(self.truth, &state, &Vector3::zeros());
+            let nominal = way.norm() * target as f64 / (targets.max(2) - 1) as f64;
+            let drift = self.drift_mm(&Vector3::x(), row, rows).x;
+            let read = self.read(sight.dot(&(actual - first)) - nominal + drift);
+            let at = self.coordinates(&state);
+            push_row(&mut text, &at, &[1e3 * read]);
+        }
+        let file = format!("{}-{}.csv", self.what.name, name.to_lowercase());
+        Ok((file, text, along))
+    }
+}
+
+impl Observer<'_> {
+    pub(super) fn distances(
+        &mut self,
+        poses: &Poses,
+        point: Vector3<f64>,
+        dead_length_mm: f64,
+        radius_mm: Option<f64>,
+    ) -> Result<Made, ObservationError> {
+        let states = match (radius_mm, poses) {
+            (None, _) | (_, Poses::Planned(_)) => self.everywhere(poses),
+            (Some(radius), &Poses::Drawn(poses)) => self
+                .free_axes
+                .around(
+                    poses,
+                    |pose| self.tools.machine(pose),
+                    |_, random| point + direction(random) * radius,
+                    &mut self.random,
+                )
+                .map_err(|found| ObservationError::Reach {
+                    what: format!("poses at {radius} mm from the point"),
+                    at: point.into(),
+                    found,
+                    poses,
+                })?,
+        };
+        let poses = states.len();
+        let drift = self.direction();
+        let mut text = format!("{}{}length_mm\n", self.axes_header(), self.tool_header());
+        for (pose, mut state) in states.into_iter().enumerate() {
+            self.approach.to(&mut state, self.truth);
+            let tip = actual_tip(self.tools.machine(pose), &state, &Vector3::zeros());
+            let point = point + self.drift_mm(&drift, pose, poses);
+            let read = self.read((tip - point).norm() - dead_length_mm);
+            let (at, tool) = (self.coordinates(&state), self.tools.cell(pose));
+            push_row(&mut text, &format!("{at}{tool}"), &[read]);
+        }
+        let file = format!("{}.csv", self.what.name);
+        let mut tables = self.table("distance", &file, self.what.uncertainty_um());
+        tables.push_str("point = \"unknown\"\n");
+        if dead_length_mm != 0.0 {
+            tables.push_str("dead_length = \"unknown\"\n");
+        }
+        Ok(Made { files: vec![(file, text)], tables })
+    }
+}
+
+/// Standard uncertainty (k = 1) of the target position on the tool if measured with a ruler, mm.
+const RULER_MM: f64 = 1.0;
+
+impl Observer<'_> {
+    pub(super) fn points(
+        &mut self,
+        poses: &Poses,
+        frame: &[f64; 6],
+        target: Option<[f64; 3]>,
+    ) -> Made {
+        let [a, b, c] = [frame[3], frame[4], frame[5]].map(f64::to_radians);
+        let rotation = Rotation3::from_euler_angles(a, b, c);
+        let place = Vector3::new(frame[0], frame[1], frame[2]);
+        let offset = Vector3::from(target.unwrap_or_default());
+        let states = self.everywhere(poses);
+        let poses = states.len();
+        let middle =
+            states.iter().map(|state| self.truth.chain().ideal_tip_mm(state)).sum::<Vector3<f64>>()
+                / poses.max(1) as f64;
+        let (shift, turn) = (self.direction(), self.direction());
+        let turn = turn * (1e-6 * self.what.instrument.angle.drift.0);
+        let mut text = format!("{}{}x,y,z\n", self.axes_header(), self.tool_header());
+        for (pose, mut state) in states.into_iter().enumerate() {
+            self.approach.to(&mut state, self.truth);
+            let tip = actual_tip(self.tools.machine(pose), &state, &offset);
+            // A tracker that is displaced by +d measures every point displaced by −d.
+            let share = pose as f64 / poses.saturating_sub(1).max(1) as f64;
+            let drifted = self.drift_mm(&shift, pose, poses) + turn.cross(&(tip - middle)) * share;
+            let seen = rotation.inverse() * (tip - drifted - place);
+            let read = seen.map(|x| self.read(x));
+            let (at, tool) = (self.coordinates(&state), self.tools.cell(pose));
+            push_row(&mut text, &format!("{at}{tool}"), read.as_slice());
+        }
+        let file = format!("{}.csv", self.what.name);
+        let mut tables = self.table("points", &file, self.what.uncertainty_um());
+        tables.push_str("frame = \"unknown\"\n");
+        if target.is_some() {
+            let is_found = self.tells_targets();
+            let what = self.what;
+            let mut of_tool = || {
+                if is_found {
+                    return "\"unknown\"".to_owned();
+                }
+                let by_ruler = target.unwrap_or_default().map(|x| {
+                    let read = x + RULER_MM * self.normal();
+                    number((10.0 * read).round() / 10.0)
+                });
+                format!("[{}]", by_ruler.join(", "))
+            };
+            let by_tool: Vec<String> = what
+                .tools
+                .iter()
+                .map(|tool| format!("{} = {}", toml_string(tool), of_tool()))
+                .collect();
+            let targets = if by_tool.is_empty() {
+                of_tool()
+            } else {
+                format!("{{ {} }}", by_tool.join(", "))
+            };
+            let _ = writeln!(tables, "target = {targets}");
+            if !is_found {
+                let _ = writeln!(tables, "target_within_mm = {}", number(RULER_MM));
+            }
+        }
+        Made { files: vec![(file, text)], tables }
+    }
+
+    /// Whether a tracker determines the target position on the tool, which requires two rotary axes.
+    fn tells_targets(&self) -> bool {
+        let rotary = self.truth.axes().iter();
+        let rotary = rotary.filter(|axis| axis.name.kind() == AxisKind::Rotary);
+        rotary.count() >= 2
+    }
+}
+
+/// Maximum distance of the commanded tip from a sphere, mm: the range of an R-test is one or two millimetres.
+const NEAR_MM: f64 = 2.0;
+
+impl Observer<'_> {
+    pub(super) fn spheres(
+        &mut self,
+        poses: &Poses,
+        centres: &[[f64; 3]],
+        reads: Reads,
+    ) -> Result<Made, ObservationError> {
+        let offsets = match reads {
+            Reads::Coordinates => "",
+            Reads::Offset => ",dx_um,dy_um,dz_um",
+        };
+        let mut text = format!("{}{}sphere{offsets}\n", self.axes_header(), self.tool_header());
+        match poses {
+            &Poses::Drawn(poses) => {
+                for (sphere, centre) in centres.iter().enumerate() {
+                    let drift = self.direction();
+                    let states = self.around(sphere, (*centre).into(), poses)?;
+                    for (pose, state) in states.into_iter().enumerate() {
+                        let centre = Vector3::from(*centre) + self.drift_mm(&drift, pose, poses);
+                        text.push_str(&self.at_sphere(pose, state, sphere, &centre, reads)?);
+                    }
+                }
+            }
+            Poses::Planned(plan) => {
+                let drifts: Vec<_> = centres.iter().map(|_| self.direction()).collect();
+                let states = self.free_axes.planned(self.truth, plan);
+                let rows = states.len();
+                for (pose, (state, planned)) in states.into_iter().zip(&plan.poses).enumerate() {
+                    let sphere = planned.sphere;
+                    let (Some(centre), Some(drift)) = (centres.get(sphere), drifts.get(sphere))
+                    else {
+                        return Err(ObservationError::NoSphere {
+                            found: sphere + 1,
+                            most: centres.len(),
+                        });
+                    };
+                    let centre = Vector3::from(*centre);
+                    let state = self.to_sphere(pose, state, sphere, &centre, plan)?;
+                    let centre = centre + self.drift_mm(drift, pose, rows);
+                    text.push_str(&self.at_sphere(pose, state, sphere, &centre, reads)?);
+                }
+            }
+        }
+        let file = format!("{}.csv", self.what.name);
+        let tables = self.table("sphere", &file, self.what.uncertainty_um());
+        Ok(Made { files: vec![(file, text)], tables })
+    }
+
+    fn around(
+        &mut self,
+        sphere: usize,
+        centre: Vector3<f64>,
+        poses: usize,
+    ) -> Result<Vec<State>, ObservationError> {
+        let tools = &self.tools;
+        self.free_axes
+            .around(poses, |pose| tools.machine(pose), |_, _| centre, &mut self.random)
+            .map_err(|found| ObservationError::Reach {
+                what: format!("sphere S{}", sphere + 1),
+                at: centre.into(),
+                found,
+                poses,
+            })
+    }
+
+    /// State of a planned pose with the ideal tip at the sphere. If the plan commands no linear axes, these are solved for; otherwise the commanded
+    /// tip must be near the sphere.
+    fn to_sphere(
+        &self,
+        pose: usize,
+        state: State,
+        sphere: usize,
+        centre: &Vector3<f64>,
+        plan: &Plan,
+    ) -> Result<State, ObservationError> {
+        let machine = self.tools.machine(pose);
+        if plan.is_rotary() {
+            let found = self.free_axes.ideal(machine, state, centre);
+            return found.ok_or_else(|| ObservationError::PlannedReach {
+                pose: pose + 1,
+                sphere: sphere + 1,
+                at: (*centre).into(),
+            });
+        }
+        let apart_mm = (machine.chain().ideal_tip_mm(&state) - centre).norm();
+        if apart_mm > NEAR_MM {
+            return Err(ObservationError::PlannedApart {
+                pose: pose + 1,
+                sphere: sphere + 1,
+                apart_mm,
+                most_mm: NEAR_MM,
+            });
+        }
+        Ok(state)
+    }
+
+    fn at_sphere(
+        &mut self,
+        pose: usize,
+        state: State,
+        sphere: usize,
+        centre: &Vector3<f64>,
+        reads: Reads,
+    ) -> Result<String, ObservationError> {
+        let (state, read) = self.at_centre(pose, state, centre, &Matrix3::identity(), reads)?;
+        let (at, tool) = (self.coordinates(&state), self.tools.cell(pose));
+        let mut row = String::new();
+        let number = self.spheres.get(sphere).copied().unwrap_or(sphere + 1);
+        push_offset(&mut row, &format!("{at}{tool}S{number}"), read);
+        Ok(row)
+    }
+
+    /// Measures a centre, starting from the nominal pose. Returns the recorded coordinates, and the offset along `axes`, mm.
+    fn at_centre(
+        &mut self,
+        pose: usize,
+        mut state: State,
+        centre: &Vector3<f64>,
+        axes: &Matrix3<f64>,
+        reads: Reads,
+    ) -> Result<(State, Option<Vector3<f64>>), ObservationError> {
+        match reads {
+            Reads::Offset => {
+                self.approach.to(&mut state, self.truth);
+                let tip = actual_tip(self.tools.machine(pose), &state, &Vector3::zeros());
+                let offset = axes.transpose() * (tip - centre);
+                Ok((state, Some(offset.map(|x| self.read(x)))))
+            }
+            Reads::Coordinates => {
+                let machine = self.tools.machine(pose);
+                let found = |state| {
+                    let found = self.free_axes.actual(machine, state, centre);
+                    found.ok_or(ObservationError::NotReached { at: (*centre).into() })
+                };
+                // The approach direction follows from the actual motion, so that it agrees with the recorded coordinates.
+                let mut state = found(state)?;
+                self.approach.to(&mut state, self.truth);
+                let mut state = found(state)?;
+                let free_axes = self.free_axes.clone();
+                free_axes.shift_linear(&mut state, |q| self.read(q));
+                Ok((state, None))
+            }
+        }
+    }
 }

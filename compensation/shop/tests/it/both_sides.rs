@@ -7,7 +7,7 @@ use volcomp_calibrate::{Calibration, CalibrationFile, calibrate};
 use volcomp_model::Machine;
 use volcomp_shop::Shop;
 
-use crate::volume::compare;
+use crate::figures::compare;
 
 const COMPONENTS: [&str; 6] = ["EX", "EY", "EZ", "EA", "EB", "EC"];
 const SQUARES: &str = "[[squareness]]\nerror = \"EC0Y\"\nreference_angle_urad = -3.0\n[[squareness]]\nerror = \"EA0Z\"\nreference_angle_urad = 5.0\n[[squareness]]\nerror = \"EB0Z\"\n";

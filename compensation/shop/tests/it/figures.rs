@@ -1,13 +1,18 @@
 //! Two published machines, measured in the virtual shop, identified, and compared with the truth over the whole volume.
 
-use std::{fmt::Write as _, fs, path::Path};
+use std::fmt::Write as _;
+use std::fs;
+use std::path::Path;
 
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 use volcomp_identify::{Identification, Observations, identify};
-use volcomp_model::Machine;
+use volcomp_kinematics::nalgebra::{DMatrix, DVector, Vector3};
+use volcomp_kinematics::{Form, State};
+use volcomp_model::{Machine, Temperatures};
 use volcomp_shop::Shop;
 use volcomp_test_support::root;
-
-use crate::volume::{Differences, compare};
+use volcomp_vocabulary::Displacement;
 
 /// Measures a true machine and identifies its errors. Returns the result and the largest differences from the truth before and after.
 fn measured(truth: &str, shop: &str) -> (Identification, Differences, Differences) {
@@ -199,4 +204,51 @@ EZX = { poly = [0.0, 0.05] }
     let uncertainty = reversal.uncertainty.expect("determined");
     assert!(uncertainty < 0.3, "{reversal:?}");
     assert!((reversal.value - 2.0).abs() < 4.0 * uncertainty, "{reversal:?}");
+}
+
+/// Largest differences over random poses.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Differences {
+    pub(crate) position_um: f64,
+    rotation_urad: f64,
+    /// Difference of the tool axis directions, µrad; a rotation about the tool axis does not count.
+    tool_axis_urad: f64,
+}
+
+/// Largest differences of the volumetric errors after best-fit rigid-body alignment of the workpiece.
+pub(crate) fn compare(one: &Machine, other: &Machine, poses: usize, seed: u64) -> Differences {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let none = Temperatures::new();
+    let mut rigid = DMatrix::zeros(3 * poses, 6);
+    let mut difference = DVector::zeros(3 * poses);
+    let mut turned = Vec::new();
+    for pose in 0..poses {
+        let mut state = State::default();
+        for (place, axis) in one.axes().iter().enumerate() {
+            let [low, high] = axis.travel;
+            let q = low + (high - low) * random.random::<f64>();
+            state.q[place] = Displacement::from_coordinate(axis.name.kind(), q).mm_or_rad();
+        }
+        let [a, b] = [one, other].map(|machine| machine.error_at(&state, Form::Exact, &none));
+        let tip = one.chain().ideal_tip_mm(&state);
+        let row = 3 * pose;
+        difference.rows_mut(row, 3).copy_from(&(a.position_mm - b.position_mm));
+        rigid.view_mut((row, 0), (3, 3)).fill_with_identity();
+        rigid.view_mut((row, 3), (3, 3)).copy_from(&(-tip.cross_matrix()));
+        let axis = one.chain().ideal_pose(&state).rotation * one.chain().tool_axis();
+        turned.push((a.rotation_rad - b.rotation_rad, axis));
+    }
+    let normal = rigid.transpose() * &rigid;
+    let right = rigid.transpose() * &difference;
+    let motion = normal.cholesky().expect("poses in space").solve(&right);
+    let left = difference - rigid * &motion;
+    let turn: Vector3<f64> = motion.fixed_rows::<3>(3).into();
+    let largest = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max);
+    Differences {
+        position_um: largest(&mut (0..poses).map(|pose| left.rows(3 * pose, 3).norm() * 1e3)),
+        rotation_urad: largest(&mut turned.iter().map(|(by, _)| (by - turn).norm() * 1e6)),
+        tool_axis_urad: largest(
+            &mut turned.iter().map(|(by, axis)| (by - turn).cross(axis).norm() * 1e6),
+        ),
+    }
 }

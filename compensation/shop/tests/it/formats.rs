@@ -1,12 +1,16 @@
 //! Measurement files of all formats contain the same readings, and the shipped examples equal the shop's output.
 
-use std::{fs, path::Path};
+use std::fs;
+use std::path::Path;
 
+use volcomp_identify::{Observations, identify};
 use volcomp_metrology::{Measurement, read_file};
 use volcomp_model::Machine;
 use volcomp_shop::{Shop, ShopError};
 use volcomp_test_support::root;
 use volcomp_vocabulary::Direction;
+
+use crate::figures::compare;
 
 const MACHINE: &str = "name = \"m\"\nstructure = \"w X' b Y Z t\"\n[axes]\nX.travel = [-100, 500]\nY.travel = [0, 400]\n\
                        Z.travel = [0, 300]\n[errors]\nEXX = { forward = { poly = [0.0, 0.05] }, backward = { poly = [3.0, 0.05] } }\n\
@@ -120,4 +124,24 @@ fn the_files_of_the_examples_are_those_of_their_shops() {
     }
     assert!(count >= 40, "{count}");
     assert_eq!(kinds.into_iter().collect::<Vec<_>>(), ["csv", "pos", "rta", "rtl", "rts", "txt"]);
+}
+
+#[test]
+fn the_ball_rows_of_the_example_are_those_of_its_shop() {
+    let folder = root().join("examples/ball-row");
+    let shop = Shop::read(&folder.join("shop.toml")).expect("a valid shop");
+    let files = shop.files(|_, _| {}).expect("measured");
+    assert_eq!(files.len(), 2 * 7 + 2);
+    for (name, text) in files {
+        let shipped = fs::read_to_string(folder.join(&name)).expect("shipped");
+        assert_eq!(shipped, text, "{name}");
+    }
+    let file = Observations::read(&folder.join("observations.toml")).expect("read");
+    let found = identify(&file, |_, _| {}).expect("identified");
+    let mut nominal = shop.truth.clone();
+    nominal.clear_errors();
+    let before = compare(&shop.truth, &nominal, 500, 1).position_um;
+    let after = compare(&shop.truth, &found.machine, 500, 1).position_um;
+    // 0.5 µm over rows of 375 mm correspond to 2 µrad of squareness, which is 1 µm at the other end of the volume.
+    assert!(before > 15.0 && after < 4.0, "{before} {after}");
 }

@@ -1,12 +1,18 @@
-//! Location errors that are measured directly, and their entries in the calibration file.
+//! Location errors that are measured directly, their entries in the calibration file, and their values: positions of
+//! axes with all axes at `reference`, relative to the tip and along the reference directions.
 
-use std::{fs, path::Path};
+use std::fmt::Write as _;
+use std::fs;
+use std::path::Path;
 
 use volcomp_calibrate::{CalibrationFile, calibrate};
 use volcomp_model::Machine;
 use volcomp_shop::{Shop, ShopError};
 use volcomp_test_support::rows;
 use volcomp_vocabulary::ErrorName;
+
+use crate::both_sides::{every_error, every_line, round_trip};
+use crate::figures::compare;
 
 const TRUTH: &str = "structure = \"w C' B' X' b Y Z t\"
 [axes]
@@ -119,5 +125,208 @@ error = "EX0C"\nvalue_um = 3.0\n | unknown key
         };
         assert!(message.contains(expected), "{text}: {message}");
         assert!(message.starts_with("shop.toml:"), "{message}");
+    }
+}
+
+type M = [[f64; 4]; 4];
+type V = [f64; 3];
+
+fn product(a: &M, b: &M) -> M {
+    std::array::from_fn(|i| std::array::from_fn(|j| (0..4).map(|k| a[i][k] * b[k][j]).sum()))
+}
+
+/// A rotation by a small vector (rad) and a displacement (mm) about a point, exact to second order.
+fn small(e: V, d: V, c: V) -> M {
+    let turned = cross(e, c);
+    [
+        [1.0, -e[2], e[1], d[0] - turned[0]],
+        [e[2], 1.0, -e[0], d[1] - turned[1]],
+        [-e[1], e[0], 1.0, d[2] - turned[2]],
+        [0.0, 0.0, 0.0, 1.0],
+    ]
+}
+
+fn image(m: &M, p: V) -> V {
+    std::array::from_fn(|i| (0..3).map(|k| m[i][k] * p[k]).sum::<f64>() + m[i][3])
+}
+
+fn turned(m: &M, u: V) -> V {
+    std::array::from_fn(|i| (0..3).map(|k| m[i][k] * u[k]).sum())
+}
+
+fn cross(a: V, b: V) -> V {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+fn plus(a: V, b: V) -> V {
+    std::array::from_fn(|i| a[i] + b[i])
+}
+
+/// Coefficients of an error in the text of a true machine: those of a polynomial, or a single number; 0 if the error is missing.
+fn numbers(truth: &str, name: &str) -> Vec<f64> {
+    let line = truth.lines().find_map(|line| line.strip_prefix(&format!("{name} = ")));
+    let text = line.unwrap_or("0.0");
+    let text = text.trim_start_matches("{ poly = [").trim_end_matches("] }");
+    text.split(", ").map(|number| number.parse().expect("a number")).collect()
+}
+
+/// Value at 0 and slope of the best-fit line through equally spaced targets over a travel.
+fn least_squares(poly: &[f64], length: f64, targets: usize) -> [f64; 2] {
+    let x: Vec<f64> = (0..targets).map(|i| length * i as f64 / (targets - 1) as f64).collect();
+    let y = x.iter().map(|x| poly.iter().rev().fold(0.0, |sum, c| sum * x + c));
+    let y: Vec<f64> = y.collect();
+    let n = targets as f64;
+    let [mx, my] = [&x, &y].map(|of| of.iter().sum::<f64>() / n);
+    let up: f64 = x.iter().zip(&y).map(|(x, y)| (x - mx) * (y - my)).sum();
+    let slope = up / x.iter().map(|x| (x - mx).powi(2)).sum::<f64>();
+    [my - slope * mx, slope]
+}
+
+/// Location errors of the rotary axes of a true machine, as tables of a calibration file.
+fn values(truth: &str, structure: &str, targets: usize) -> String {
+    let tip = [40.0, -30.0, -150.0];
+    let mut before = small([0.0; 3], [0.0; 3], [0.0; 3]);
+    let mut lines: Vec<(char, V, V, V)> = Vec::new();
+    let mut directions = [[0.0; 3]; 3];
+    let (workpiece, tool) = structure.split_once('b').expect("a bed");
+    let axes = [(workpiece, false), (tool, true)];
+    for (letter, on_tool) in axes
+        .iter()
+        .flat_map(|(part, on_tool)| part.chars().map(move |c| (c, *on_tool)))
+        .filter(|(c, _)| c.is_ascii_uppercase())
+    {
+        let k = "XYZABC".find(letter).expect("an axis");
+        let (own, rotary) = (k % 3, k >= 3);
+        let number = |what: String| numbers(truth, &what);
+        let (mut delta, mut tilt, mut slope) = ([0.0; 3], [0.0; 3], [0.0; 3]);
+        for i in 0..3 {
+            let straight = number(format!("E{}{letter}", ["X", "Y", "Z"][i]));
+            delta[i] = straight[0] * 1e-3;
+            if !rotary && i != own {
+                let length = [600.0, 500.0, 400.0][k];
+                let line = least_squares(&straight, length, targets);
+                (delta[i], slope[i]) = (line[0] * 1e-3, line[1] * 1e-3);
+            }
+            tilt[i] = number(format!("E{}{letter}", ["A", "B", "C"][i]))[0] * 1e-6;
+        }
+        let six = |angles: bool| -> V {
+            std::array::from_fn(|i| {
+                let what = ["X", "Y", "Z", "A", "B", "C"][i + 3 * usize::from(angles)];
+                number(format!("E{what}0{letter}"))[0] * if angles { 1e-6 } else { 1e-3 }
+            })
+        };
+        let (off, askew) = (six(false), six(true));
+        let point = match letter {
+            'A' => [30.0, 250.0, 120.0],
+            'B' => [280.0, -20.0, 150.0],
+            'C' => [310.0, 240.0, 10.0],
+            _ => [0.0; 3],
+        };
+        let errors = small(tilt, delta, point);
+        let mut unit = [0.0; 3];
+        unit[own] = 1.0;
+        let direction = plus(plus(unit, cross(askew, unit)), slope);
+        // Linear axes: M·E on the tool side, E·M on the workpiece side; rotary axes the other way round. At 0, M is the identity.
+        if rotary == on_tool {
+            before = product(&before, &errors);
+        }
+        if rotary {
+            let line = image(&before, plus(point, off));
+            lines.push((letter, line, turned(&before, direction), point));
+        } else {
+            directions[k] = turned(&before, direction);
+        }
+        if rotary != on_tool {
+            before = product(&before, &errors);
+        }
+    }
+    // The frame of X and Y with its origin at the tip rotates the actual X to (1, 0, 0), and Y into the plane z = 0.
+    let [x, y, _] = directions;
+    let back = [-y[2], x[2], -x[1]];
+    let actual_tip = image(&before, tip);
+    let seen = |p: V| {
+        let from_tip: V = std::array::from_fn(|i| p[i] - actual_tip[i]);
+        plus(tip, plus(from_tip, cross(back, from_tip)))
+    };
+    let mut tables = String::new();
+    for (letter, line, direction, point) in lines {
+        let own = "ABC".find(letter).expect("rotary");
+        let mut unit = [0.0; 3];
+        unit[own] = 1.0;
+        let tilt = cross(unit, plus(direction, cross(back, direction)));
+        let off = seen(line);
+        for i in (0..3).filter(|i| *i != own) {
+            let (um, urad) = ((off[i] - point[i]) * 1e3, tilt[i] * 1e6);
+            let (d, a) = (["X", "Y", "Z"][i], ["A", "B", "C"][i]);
+            writeln!(
+                tables,
+                "[[location]]\nerror = \"E{d}0{letter}\"\nvalue_um = {um:?}\n[[location]]\nerror = \"E{a}0{letter}\"\nvalue_urad = {urad:?}"
+            )
+            .expect("a String");
+        }
+    }
+    tables
+}
+
+fn of_rotary(structure: &str) -> String {
+    let mut errors = String::new();
+    for (axis, letter) in ['A', 'B', 'C'].into_iter().enumerate() {
+        for (component, what) in ["EX", "EY", "EZ", "EA", "EB", "EC"].into_iter().enumerate() {
+            if structure.contains(letter) {
+                let wave = |k: f64| ((5 * axis + 7 * component + 2) as f64 * k).sin();
+                let c = [7.0 * wave(1.1), 0.1 * wave(0.6), 2e-3 * wave(1.7)];
+                writeln!(errors, "{what}{letter} = {{ poly = {c:?} }}").expect("a String");
+            }
+        }
+    }
+    errors
+}
+
+#[test]
+fn a_value_holds_with_all_axes_at_the_reference() {
+    for (structure, holds) in [
+        ("w C' X' b Y Z B t", true),
+        ("w C' A' X' b Y Z t", true),
+        ("w X' b Y Z C B t", true),
+        ("w C' X' Y' b Z t", false),
+        ("w X' C' b B Y Z t", true),
+    ] {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (truth, _) = every_error(structure);
+        let truth = truth + &of_rotary(structure);
+        let mut shop = every_line("", "");
+        for letter in ['A', 'B', 'C'].into_iter().filter(|l| structure.contains(*l)) {
+            let tilts = format!("\"EA{letter}\", \"EB{letter}\", \"EC{letter}\"");
+            for names in [
+                tilts.clone(),
+                tilts.replace("\"EA", "\"EX").replace("\"EB", "\"EY").replace("\"EC", "\"EZ"),
+            ] {
+                writeln!(
+                    shop,
+                    "[[measurement]]\nerrors = [{names}]\nat = {{ X = 300.0, Y = 200.0, Z = 100.0 }}\ncurve = {{ poly = {{ order = 6 }} }}\nholds_location = {holds}"
+                )
+                .expect("a String");
+            }
+        }
+        let more = values(&truth, structure, 7);
+        let (as_it_is, found) = round_trip(folder.path(), &truth, "", &shop, &more);
+        let left = compare(&as_it_is, &found.machine, 1000, 4);
+        assert!(left.position_um < 0.02, "{structure}: {left:?}");
+        for [linear, angular] in [
+            ["EY0A\", \"EZ0A", "EB0A\", \"EC0A"],
+            ["EX0B\", \"EZ0B", "EA0B\", \"EC0B"],
+            ["EX0C\", \"EY0C", "EA0C\", \"EB0C"],
+        ] {
+            if structure.contains(&linear[3..4]) {
+                writeln!(
+                    shop,
+                    "[[location]]\nerrors = [\"{linear}\"]\n[[location]]\nerrors = [\"{angular}\"]"
+                )
+                .expect("a String");
+            }
+        }
+        let (truth, found) = round_trip(folder.path(), &truth, "", &shop, "");
+        let left = compare(&truth, &found.machine, 1000, 4);
+        assert!(left.position_um < 0.02, "{structure}, read by the shop: {left:?}");
     }
 }

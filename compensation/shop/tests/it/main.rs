@@ -2,17 +2,12 @@
 
 mod both_sides;
 mod coverage;
-mod example;
 mod figures;
 mod formats;
-mod fuzz_corpus;
 mod held_rotary;
 mod locations;
 mod messages;
 mod observation_messages;
 mod observations;
-mod placed;
-mod plans;
 mod round_trip;
-mod volume;
 mod wear;

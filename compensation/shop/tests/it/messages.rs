@@ -5,6 +5,7 @@ use volcomp_model::Machine;
 use volcomp_shop::{
     Bar, Instrument, InstrumentError, Poses, Setting, Shop, ShopError, ShopObservation,
 };
+use volcomp_test_support::corpus::replay;
 use volcomp_vocabulary::{Um, Urad};
 
 const TRUTH: &str =
@@ -148,4 +149,23 @@ fn a_measurement_names_each_error_once_and_at_least_one() {
     // Two lines of one error need two tables.
     let line = "[[measurement]]\nerror = \"EXX\"\n";
     shop(&format!("machine = \"truth.toml\"\n{line}{line}")).expect("a valid shop");
+}
+
+/// The machine in `tests/fuzz/fuzz_targets/shop.rs`.
+const MACHINE: &str = "structure = \"w b X Y C t\"
+axes.X.travel = [0.0, 500.0]
+axes.Y.travel = [0.0, 400.0]
+axes.C.travel = [-180.0, 180.0]
+errors.EXX = { poly = [0.0, 0.01] }
+";
+
+#[test]
+fn shop_files() {
+    replay("shop", |_, bytes| {
+        let text = String::from_utf8_lossy(bytes);
+        let machine = |_: &str| Ok(Machine::parse(MACHINE, "truth.toml")?);
+        let shop = Shop::parse(&text, "shop.toml", machine)?;
+        let _ = shop.files(|_, _| {});
+        Ok::<_, ShopError>(())
+    });
 }
