@@ -1,26 +1,41 @@
 //! The demonstration: a server, three simulated machines and the web interface, in a folder that is removed at the end.
-
-mod machine;
+//!
+//! `SimulatedMachine` is a machine with its gateway, as visible to the centre. It accepts signed models, requires confirmation of models with large
+//! moves, corrects, and reports its condition. The simulated true machine differs slightly from its model, and it warms up.
+//!
+//! Its gateway reports what a real gateway can measure: the residual is the error that its model predicts to remain.
+//! Like every gateway with a simulated machine, it also reports the true error.
 
 use std::{
-    collections::HashMap,
+    collections::{BTreeMap, HashMap},
     fmt::Display,
     net::{SocketAddr, TcpListener as StdListener},
     path::Path,
     sync::Arc,
-    time::{Duration, Instant},
+    time::Duration,
 };
 
+use serde_json::json;
 use tempfile::TempDir;
-use tokio::task::JoinHandle;
-use volcomp_fleet::{
-    Identity, LinkSettings, MachineId, MachineUser, ServerSettings, StreamRetention, server::Server,
+use tokio::{
+    task::JoinHandle,
+    time::{Instant, MissedTickBehavior},
 };
-use volcomp_model::Machine as ModelMachine;
+use volcomp_fleet::{
+    Acknowledgement, Condition, Desired, Envelope, Identity, Kind, LinkSettings, MachineId,
+    MachineLink, MachineUser, Manifest, ModelRef, Outcome, ServerSettings, StreamRetention, Trust,
+    VerifyingKey, server::Server,
+};
+use volcomp_model::{
+    Axis, Machine as Model, MapGrid, Temperatures, corrected,
+    kinematics::{Form, State},
+    quantised,
+};
+use volcomp_vocabulary::{AxisKind, AxisName, Displacement, PerAxis};
 
-use self::machine::SimulatedMachine;
 use crate::{
     Error,
+    clock::now_s,
     engine::{Engine, Running, Settings},
     http::{PageSettings, PageState, router},
     keys::Key,
@@ -119,7 +134,7 @@ impl Demo {
         let engine = Engine::start(Arc::clone(&store), settings).await?;
         let mut tasks = Vec::new();
         for (machine, user, model) in &machines {
-            let truth = ModelMachine::parse(model, "built-in")?;
+            let truth = Model::parse(model, "built-in")?;
             let instance: String = random_password()?.text().chars().take(16).collect();
             let simulated = SimulatedMachine::new(machine, truth, instance, trusted);
             tasks.push(tokio::spawn(simulated.run(link(seed(user)?))));
@@ -299,4 +314,310 @@ fn confirm_due(
         }
     }
     Ok(())
+}
+
+const RAMP_S: f64 = 5.0;
+/// Change of the correction of a linear axis above which confirmation is required, µm: `confirm_um` of its gateway.
+const CONFIRM_UM: f64 = 10.0;
+/// Change of the correction of a rotary axis above which confirmation is required, µrad: `confirm_urad`.
+const CONFIRM_URAD: f64 = 10.0;
+/// Nodes along each axis of the grid on which a change is checked.
+const CHECK_NODES: usize = 5;
+/// Factor from the errors of the model to the errors of the simulated machine.
+const ERROR_FACTOR: f64 = 1.08;
+
+struct SimulatedMachine {
+    machine: Machine,
+    truth: Model,
+    trust: Trust,
+    instance: String,
+    number: u64,
+    begun: Instant,
+    active: Option<(Model, u64)>,
+    /// Model that the correction ramps from; `None`: no correction.
+    from: Option<Model>,
+    to: Option<Model>,
+    since: Instant,
+    disabled: bool,
+    cycles: u64,
+}
+
+impl SimulatedMachine {
+    fn new(machine: &Machine, truth: Model, instance: String, trusted: VerifyingKey) -> Self {
+        Self {
+            machine: machine.clone(),
+            truth,
+            trust: Trust {
+                keys: vec![trusted],
+                machine: machine.identity.machine.clone(),
+                serial: machine.serial.clone(),
+                axes: machine.axes.clone(),
+                highest: 0,
+            },
+            instance,
+            number: 0,
+            begun: Instant::now(),
+            active: None,
+            from: None,
+            to: None,
+            since: Instant::now(),
+            disabled: false,
+            cycles: 0,
+        }
+    }
+
+    async fn run(mut self, link: LinkSettings) {
+        let Ok(mut link) = MachineLink::connect(&link, &self.machine.identity).await else {
+            tracing::error!("demo: {} has no key", self.machine.identity.machine);
+            return;
+        };
+        let mut conditions = tokio::time::interval(Duration::from_secs(1));
+        let mut telemetry = tokio::time::interval(Duration::from_secs(5));
+        conditions.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        telemetry.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        loop {
+            let (kind, body) = tokio::select! {
+                value = link.next_desired() => (Kind::Ack, self.desired(&value)),
+                _ = conditions.tick() => (Kind::Condition, serde_json::to_value(self.condition())),
+                _ = telemetry.tick() => (Kind::Telemetry, Ok(self.state())),
+            };
+            let Ok(body) = body else { continue };
+            self.number += 1;
+            let envelope = Envelope {
+                instance: self.instance.clone(),
+                number: self.number,
+                uptime_s: self.begun.elapsed().as_secs_f64(),
+                wall_s: now_s(),
+                version: self.active.as_ref().map_or(0, |(_, version)| *version),
+                model: self.active.as_ref().map_or_else(String::new, |(model, _)| model.checksum()),
+                body,
+            };
+            let id = format!("{}-{}", self.instance, self.number);
+            let Ok(bytes) = serde_json::to_vec(&envelope) else {
+                continue;
+            };
+            if let Err(error) = link.publish(kind, &id, bytes.into()).await {
+                tracing::debug!("demo: {error}");
+            }
+        }
+    }
+
+    fn desired(&mut self, value: &[u8]) -> serde_json::Result<serde_json::Value> {
+        let parsed = Desired::parse(value).map_err(|e| e.to_string());
+        let taken = parsed.and_then(|desired| {
+            let accepted = self.trust.accept(&desired).map_err(|e| e.to_string())?;
+            let text = accepted.model.ok_or("the model is not in the manifest")?;
+            let model = Model::parse(&text, "the model").map_err(|e| e.to_string())?;
+            Ok((accepted.manifest, model))
+        });
+        let (version, outcome) = match taken {
+            Ok((manifest, model)) => {
+                self.trust.highest = manifest.version;
+                (manifest.version, self.largest_change(&manifest, model))
+            }
+            Err(why) => (0, Outcome::Refused { why }),
+        };
+        serde_json::to_value(Acknowledgement {
+            version,
+            value_sha256: ModelRef::of(value).sha256,
+            outcome,
+        })
+    }
+
+    /// Applies an authenticated manifest. Returns whether its model was activated or needs a confirmation (rule 13 of
+    /// the guard).
+    fn largest_change(&mut self, manifest: &Manifest, model: Model) -> Outcome {
+        // Disabling takes effect immediately, whatever the outcome for the model.
+        if !manifest.enable {
+            self.disabled = true;
+            self.ramp(None);
+        }
+        let hash = model.checksum();
+        let [worst_um, worst_urad] = self.largest_move(&model);
+        let is_far = worst_um > CONFIRM_UM || worst_urad > CONFIRM_URAD;
+        if is_far && manifest.confirm.as_ref() != Some(&hash) {
+            let has_rotary = (self.machine.axes.iter()).any(|axis| axis.kind() == AxisKind::Rotary);
+            return Outcome::NeedsConfirmation {
+                hash,
+                worst_um: format!("{worst_um:.1}"),
+                worst_urad: if has_rotary { format!("{worst_urad:.1}") } else { String::new() },
+                differences: Vec::new(),
+            };
+        }
+        self.disabled = !manifest.enable;
+        self.ramp(manifest.enable.then(|| model.clone()));
+        self.active = Some((model, manifest.version));
+        Outcome::Activated
+    }
+
+    fn ramp(&mut self, to: Option<Model>) {
+        self.from = std::mem::replace(&mut self.to, to);
+        self.since = Instant::now();
+    }
+
+    /// Maximum change of the correction when a model replaces the active one: of linear axes in µm, of rotary axes in
+    /// µrad. The change is sampled on a grid in the work space, with the rotary axes at both ends of their travels and
+    /// at the position nearest to zero.
+    fn largest_move(&self, new: &Model) -> [f64; 2] {
+        let old = self.active.as_ref().map(|(model, _)| model);
+        let mut worst = [0.0_f64; 2];
+        for stand in
+            [|axis: &Axis| axis.travel[0], Axis::nearest_zero, |axis: &Axis| axis.travel[1]]
+        {
+            let rotary = (new.axes().iter()).filter(|axis| axis.name.kind() == AxisKind::Rotary);
+            let at: Vec<(AxisName, f64)> = rotary.map(|axis| (axis.name, stand(axis))).collect();
+            let Ok(grid) = MapGrid::over_travels(new, [CHECK_NODES; 3], &at) else {
+                return [f64::INFINITY; 2];
+            };
+            for index in 0..grid.len() {
+                let (_, state) = grid.node(new, index);
+                let [before, after] = [old, Some(new)].map(|model| correction(model, &state));
+                let moves = before.iter().zip(after).map(|(before, after)| after - before);
+                for (axis, moved) in self.machine.axes.iter().zip(moves) {
+                    match axis.kind() {
+                        AxisKind::Linear => worst[0] = worst[0].max(moved.abs() * 1e3),
+                        AxisKind::Rotary => worst[1] = worst[1].max(moved.abs() * 1e6),
+                    }
+                }
+            }
+        }
+        worst
+    }
+
+    fn place(&self) -> State {
+        let at_s = self.begun.elapsed().as_secs_f64();
+        let coordinates: Vec<(AxisName, f64)> = (self.truth.axes().iter().enumerate())
+            .map(|(index, axis)| {
+                let [low, high] = axis.travel;
+                let share = 0.5 + 0.45 * (at_s / (9.0 + 4.0 * index as f64)).sin();
+                (axis.name, low + (high - low) * share)
+            })
+            .collect();
+        self.truth.state(&coordinates).unwrap_or_default()
+    }
+
+    fn degc(&self) -> BTreeMap<String, Option<f64>> {
+        let at_s = self.begun.elapsed().as_secs_f64();
+        let warm = |name: &str, rise_k: f64, lag_s: f64| {
+            let degc = 20.3 + rise_k * (1.0 - (-at_s / lag_s).exp());
+            (name.to_owned(), Some((degc * 100.0).round() / 100.0))
+        };
+        BTreeMap::from([
+            warm("bed", 0.8, 3600.0),
+            warm("column", 2.4, 1800.0),
+            warm("spindle", 8.0, 600.0),
+        ])
+    }
+
+    fn ramped(&self) -> f64 {
+        (self.since.elapsed().as_secs_f64() / RAMP_S).min(1.0)
+    }
+
+    /// The applied correction: mm, rad, in machine order.
+    fn applied(&self, state: &State) -> PerAxis<f64> {
+        let share = self.ramped();
+        let [from, to] = [&self.from, &self.to].map(|model| correction(model.as_ref(), state));
+        let mut applied = PerAxis::ZERO;
+        for (place, (from, to)) in applied.0.iter_mut().zip(from.into_iter().zip(to)) {
+            *place = from + share * (to - from);
+        }
+        quantised(&self.truth, &applied, 1e-3, 1e-6)
+    }
+
+    /// Tool-tip error that the active model predicts with the applied correction, µm.
+    fn residual_um(&self, state: &State, applied: &PerAxis<f64>) -> Option<f64> {
+        let (model, _) = self.active.as_ref()?;
+        Some(length(left_um(model, 1.0, state, applied)))
+    }
+
+    fn condition(&mut self) -> Condition {
+        let state = self.place();
+        let applied = self.applied(&state);
+        let mut correction_um = BTreeMap::new();
+        let mut correction_urad = BTreeMap::new();
+        for (axis, value) in self.machine.axes.iter().zip(applied.0) {
+            match axis.kind() {
+                AxisKind::Linear => correction_um.insert(*axis, value * 1e3),
+                AxisKind::Rotary => correction_urad.insert(*axis, value * 1e6),
+            };
+        }
+        let is_ramping = self.ramped() < 1.0;
+        let name = match (&self.from, &self.to) {
+            (None, Some(_)) if is_ramping => "arming",
+            (_, Some(_)) => "compensating",
+            (Some(_), None) if is_ramping => "ramping-out",
+            (_, None) => "disarmed",
+        };
+        let reasons = if self.disabled {
+            vec!["disabled by the centre".to_owned()]
+        } else if self.active.is_none() && self.trust.highest > 0 {
+            vec!["the first model waits for confirmation".to_owned()]
+        } else if self.active.is_none() {
+            vec!["no model was sent yet".to_owned()]
+        } else {
+            Vec::new()
+        };
+        self.cycles += 500;
+        Condition {
+            state: name.to_owned(),
+            reasons,
+            armed: self.to.is_some(),
+            correction_um,
+            correction_urad,
+            residual_um: self.residual_um(&state, &applied),
+            temperatures_degc: self.degc(),
+            cycle_p99_us: 2010.0 + (self.cycles % 7000) as f64 / 100.0,
+            overruns: 0,
+            faults: 0,
+        }
+    }
+
+    /// The part of the full telemetry that the web interface shows.
+    fn state(&self) -> serde_json::Value {
+        let state = self.place();
+        let mut positions_mm = BTreeMap::new();
+        let mut positions_deg = BTreeMap::new();
+        for (axis, q) in self.machine.axes.iter().zip(state.q.0) {
+            let shown = Displacement::new(axis.kind(), q).mm_or_deg();
+            match axis.kind() {
+                AxisKind::Linear => positions_mm.insert(*axis, shown),
+                AxisKind::Rotary => positions_deg.insert(*axis, shown),
+            };
+        }
+        // Number of cycles that ended within each time, µs.
+        let permille = [(1950, 2), (2000, 600), (2050, 370), (2100, 20), (2200, 7), (2500, 1)];
+        let histogram: Vec<(u64, u64)> =
+            (permille.iter()).map(|&(edge, share)| (edge, self.cycles * share / 1000)).collect();
+        let none = PerAxis::ZERO;
+        json!({
+            "simulated": true,
+            "true_error_um": left_um(&self.truth, ERROR_FACTOR, &state, &none),
+            "true_residual_um": left_um(&self.truth, ERROR_FACTOR, &state, &self.applied(&state)),
+            "positions_mm": positions_mm,
+            "positions_deg": positions_deg,
+            "cycle": { "period_us": 2000.0, "count": self.cycles, "overruns": 0, "p99_us": 2090.0, "histogram_us": histogram },
+        })
+    }
+}
+
+/// The correction of a model, mm and rad in machine order; zero without a model.
+fn correction(model: Option<&Model>, state: &State) -> [f64; 9] {
+    model.map_or([0.0; 9], |model| {
+        let options = model.correction_options();
+        let correction = model.correction_at(state, &Temperatures::new(), &options);
+        correction.delta.0
+    })
+}
+
+/// Tool-tip error with a correction, µm along X, Y, Z, of a machine whose errors are `factor` times those of the model.
+fn left_um(model: &Model, factor: f64, state: &State, applied: &PerAxis<f64>) -> [f64; 3] {
+    let error = model.error_at(state, Form::Exact, &Temperatures::new());
+    let chain = model.chain();
+    let moved = chain.ideal_tip_mm(&corrected(state, applied)) - chain.ideal_tip_mm(state);
+    let left = error.position_mm * factor + moved;
+    [left.x, left.y, left.z].map(|mm| mm * 1e3)
+}
+
+fn length(vector: [f64; 3]) -> f64 {
+    vector.iter().map(|part| part * part).sum::<f64>().sqrt()
 }

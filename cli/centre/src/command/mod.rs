@@ -1,20 +1,32 @@
+//! The commands of `volcomp-centre`: their dispatch, users, and the network search.
+
+use std::{
+    fmt::Write as _,
+    io::{BufRead, IsTerminal, Write as _},
+    path::Path,
+    sync::Arc,
+};
+
+use crate::{
+    Error,
+    command::arguments::{
+        Command, DiscoverArguments, KeyCommand, MachineCommand, ModelCommand, RolloutCommand,
+        UserCommand,
+    },
+    config::Config,
+    discover::{Kind, Search, table},
+    keys::Key,
+    store::Store,
+    users::{Password, hash},
+};
+
 mod arguments;
-mod discover;
 mod machines;
 mod models;
-mod rollouts;
 mod run;
-mod server;
 mod text;
-mod user;
 
 pub use arguments::Arguments;
-
-use std::{io::Write, path::Path, sync::Arc};
-
-use crate::{Error, config::Config, keys::Key, store::Store};
-
-use self::arguments::{Command, KeyCommand, MachineCommand, ModelCommand, RolloutCommand};
 
 impl Arguments {
     pub fn act(self) -> Result<(), Error> {
@@ -23,8 +35,8 @@ impl Arguments {
         match self.command {
             Command::Run { log } => run::run(&config()?, log),
             Command::Demo { listen } => run::demo(listen),
-            Command::Discover(discover) => discover::act(&discover),
-            Command::User(user) => user::act(&config()?, user, &by),
+            Command::Discover(discover) => search(&discover),
+            Command::User(user) => user_command(&config()?, user, &by),
             Command::TlsInit { names, output } => {
                 let [certificate, key] = volcomp_web::tls::make(&output, &names)?;
                 print(&format!(
@@ -34,12 +46,12 @@ impl Arguments {
                 ))
             }
             Command::Check => run::check(&config()?),
-            Command::NatsConfig { output } => server::nats_config(&config()?, output.as_deref()),
-            Command::Audit { count, json } => server::audit(&config()?, count, json),
-            Command::Alarms { all, json } => server::alarms(&config()?, all, json),
-            Command::Key(KeyCommand::New { name }) => server::new_key(&config()?, &name),
-            Command::Key(KeyCommand::List) => server::list_keys(&config()?),
-            Command::Key(KeyCommand::Nkey { file }) => server::new_nkey(&file),
+            Command::NatsConfig { output } => machines::nats_config(&config()?, output.as_deref()),
+            Command::Audit { count, json } => machines::audit(&config()?, count, json),
+            Command::Alarms { all, json } => machines::alarms(&config()?, all, json),
+            Command::Key(KeyCommand::New { name }) => machines::new_key(&config()?, &name),
+            Command::Key(KeyCommand::List) => machines::list_keys(&config()?),
+            Command::Key(KeyCommand::Nkey { file }) => machines::new_nkey(&file),
             Command::Machine(MachineCommand::Add(add)) => machines::add(&config()?, &add, &by),
             Command::Machine(MachineCommand::List { json }) => machines::list(&config()?, json),
             Command::Machine(MachineCommand::Remove { machine }) => {
@@ -61,20 +73,20 @@ impl Arguments {
                 models::diff(&config()?, &one, &other)
             }
             Command::Model(ModelCommand::Back { machine }) => {
-                rollouts::back(&config()?, &machine, &by)
+                models::back(&config()?, &machine, &by)
             }
             Command::Model(ModelCommand::Drift { machine }) => models::drift(&config()?, &machine),
             Command::Rollout(RolloutCommand::Start(start)) => {
-                rollouts::start(&config()?, &start, &by)
+                models::start_rollout(&config()?, &start, &by)
             }
             Command::Rollout(RolloutCommand::Status { id, json }) => {
-                rollouts::status(&config()?, id, json)
+                models::rollout_status(&config()?, id, json)
             }
             Command::Rollout(RolloutCommand::Keep { id, machine }) => {
-                rollouts::keep(&config()?, id, &machine, &by)
+                models::keep(&config()?, id, &machine, &by)
             }
             Command::Rollout(RolloutCommand::Request(request)) => {
-                rollouts::request(&config()?, request, &by)
+                models::request_rollout(&config()?, request, &by)
             }
         }
     }
@@ -114,4 +126,97 @@ fn machine_named(text: &str) -> Result<volcomp_fleet::MachineId, Error> {
 
 fn shown(path: &Path) -> String {
     path.display().to_string()
+}
+
+/// Origin of a change in the audit log.
+const ORIGIN: &str = "command line";
+
+fn user_command(config: &Config, command: UserCommand, by: &str) -> Result<(), Error> {
+    let store = open(config)?;
+    match command {
+        UserCommand::List { json } => {
+            let users = store.users()?;
+            if json {
+                return print_json(&users);
+            }
+            let mut lines = String::new();
+            for user in &users {
+                let disabled = if user.disabled { "  may not log in" } else { "" };
+                let (name, role) = (user.name.as_str(), user.role.name());
+                // Writing to a string never fails.
+                let _ = writeln!(lines, "{name:20}  {role:8}{disabled}");
+            }
+            print(&lines)?;
+        }
+        UserCommand::Add { name, role } => {
+            store.add_user(&name, role, &read_password()?, by, ORIGIN)?;
+        }
+        UserCommand::Password { name } => {
+            store.set_password(&name, &read_password()?, by, ORIGIN)?;
+        }
+        UserCommand::Change { name, role, disable, enable } => {
+            let (user, _) = (store.user(&name)?).ok_or_else(|| Error::missing("user", &name))?;
+            let role = role.unwrap_or(user.role);
+            let disabled = !enable && (disable || user.disabled);
+            store.change_user(&name, role, disabled, by, ORIGIN)?;
+        }
+        UserCommand::Remove { name } => store.remove_user(&name, by, ORIGIN)?,
+    }
+    Ok(())
+}
+
+/// Reads a password: twice without echo at a terminal, otherwise the first line of standard input. It is never an argument, because every user of
+/// the computer can see arguments.
+fn read_password() -> Result<String, Error> {
+    let text = if std::io::stdin().is_terminal() {
+        let text = rpassword::prompt_password("Password: ")?;
+        if text != rpassword::prompt_password("Once more: ")? {
+            return Err(Error::Wrong("the two passwords differ".to_owned()));
+        }
+        text
+    } else {
+        let mut line = String::new();
+        std::io::stdin().lock().read_line(&mut line)?;
+        line.trim_end_matches(['\r', '\n']).to_owned()
+    };
+    hash(&Password::chosen(text)?)
+}
+
+fn search(arguments: &DiscoverArguments) -> Result<(), Error> {
+    for subnet in &arguments.subnets {
+        let checked = subnet.check(arguments.yes_these_are_mine);
+        checked.map_err(|e| Error::Wrong(e.to_string()))?;
+    }
+    let mut search = Search::new(arguments.subnets.clone());
+    search.per_second = arguments.rate;
+    let stated = [
+        (Kind::Focas, &arguments.focas_port),
+        (Kind::OpcUa, &arguments.opc_ua_port),
+        (Kind::Modbus, &arguments.modbus_port),
+        (Kind::Gateway, &arguments.gateway_port),
+    ];
+    for (kind, ports) in stated {
+        if !ports.is_empty() {
+            search.ports.retain(|(known, _)| *known != kind);
+            search.ports.extend(ports.iter().map(|port| (kind, *port)));
+        }
+    }
+    let shows = std::io::stderr().is_terminal();
+    let of = search.addresses();
+    if shows {
+        let seconds = search.connections() as f64 / arguments.rate;
+        eprintln!("{of} addresses, about {seconds:.0} s");
+    }
+    let runtime =
+        tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build()?;
+    let devices = runtime.block_on(search.run(|done| {
+        if shows {
+            // Standard error may be closed.
+            let _ = write!(std::io::stderr(), "\r{done} of {of} ");
+        }
+    }));
+    if shows {
+        eprintln!();
+    }
+    if arguments.json { print_json(&devices) } else { print(&table(&devices)) }
 }

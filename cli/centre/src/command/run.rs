@@ -19,14 +19,13 @@ use tracing_subscriber::{
 };
 use volcomp_web::tls;
 
-use super::{
-    arguments::LogForm,
-    open, print,
-    server::{check_audit_chain, link, settings},
-    signing_key,
-};
 use crate::{
     Error,
+    command::{
+        arguments::LogForm,
+        machines::{check_audit_chain, link, settings},
+        open, print, signing_key,
+    },
     config::{Config, PageConfig},
     demo::{AUTO_CONFIRM_DELAY, Demo},
     engine::{Engine, Settings},

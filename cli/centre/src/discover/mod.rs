@@ -2,15 +2,15 @@
 //!
 //! Results are proposals for the user: no machine is registered here. Responses are untrusted: they are bounded in time and length, and their texts
 //! are sanitized before they are shown.
-
-mod focas;
-mod gateway;
-mod modbus;
-mod propose;
-mod targets;
+//!
+//! Only addresses of the given subnets are probed. Possible structures for the axes of a control are proposals for the user, never a decision: a
+//! control reports the letters of its axes but not how they are stacked. The candidates are the types of the generalised model, the most common
+//! designs first.
 
 use std::{
-    net::{IpAddr, SocketAddr},
+    fmt,
+    net::{IpAddr, Ipv4Addr, SocketAddr},
+    str::FromStr,
     sync::Arc,
     time::Duration,
 };
@@ -22,10 +22,12 @@ use tokio::{
     task::JoinSet,
     time::{Instant, sleep_until, timeout_at},
 };
+use volcomp_kinematics::Structure;
+use volcomp_vocabulary::{AxisKind, AxisName};
 
-pub use modbus::{Identification, parse_identification};
-pub use propose::{Proposal, proposals};
-pub use targets::{Subnet, SubnetError};
+mod probes;
+
+pub use probes::{Identification, parse_identification};
 
 const MAX_CONCURRENT: usize = 64;
 
@@ -187,18 +189,20 @@ impl Search {
             let deadline = Instant::now() + self.answer_within;
             let probe = async {
                 match kind {
-                    Kind::Gateway => gateway::probe(at, stream, pace, self.connect_within).await,
+                    Kind::Gateway => {
+                        probes::probe_gateway(at, stream, pace, self.connect_within).await
+                    }
                     Kind::Focas => {
                         // The FOCAS client opens its own connection.
                         drop(stream);
                         pace.wait().await;
-                        focas::probe(at, self.answer_within / 2).await
+                        probes::probe_focas(at, self.answer_within / 2).await
                     }
                     Kind::OpcUa => Device {
                         note: "its port is open; it was not queried".to_owned(),
                         ..Device::at(at, kind)
                     },
-                    Kind::Modbus => modbus::probe(at, stream).await,
+                    Kind::Modbus => probes::probe_modbus(at, stream).await,
                 }
             };
             let device = timeout_at(deadline, probe).await;
@@ -312,6 +316,211 @@ fn structure(device: &Device) -> String {
         [only] => format!("{}?", only.structure),
         [first, rest @ ..] => format!("{}? or one of {} others", first.structure, rest.len()),
     }
+}
+
+/// Prefix length of the largest subnet: 65 536 addresses.
+const SHORTEST_PREFIX: u8 = 16;
+
+/// An IPv4 subnet or a single address.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Subnet {
+    first: Ipv4Addr,
+    prefix: u8,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum SubnetError {
+    #[error(
+        "found {found:?}, expected an address or a subnet of IPv4, such as 192.0.2.17 or 192.0.2.0/24"
+    )]
+    Unreadable { found: String },
+    /// The address has bits set beyond its prefix, so it is ambiguous.
+    #[error("found {found}, expected {expected}: the address has bits beyond its prefix")]
+    Bits {
+        found: String,
+        /// The subnet that contains the address.
+        expected: Subnet,
+    },
+    #[error(
+        "found {found} with {addresses} addresses, expected at most 65536 (/{SHORTEST_PREFIX}): state the subnets of the machines"
+    )]
+    TooLarge {
+        found: Subnet,
+        /// Number of addresses in the subnet.
+        addresses: u64,
+    },
+    /// The range is public and may belong to others.
+    #[error(
+        "{found} is not a private range: it may contain computers of others. If it is yours, add --yes-these-are-mine"
+    )]
+    Public { found: Subnet },
+    /// A range without individual hosts, such as multicast.
+    #[error("{found} contains no hosts: it is multicast, broadcast or reserved")]
+    Reserved { found: Subnet },
+}
+
+impl FromStr for Subnet {
+    type Err = SubnetError;
+
+    fn from_str(text: &str) -> Result<Self, SubnetError> {
+        let unreadable = || SubnetError::Unreadable { found: text.to_owned() };
+        let (address, prefix) = match text.split_once('/') {
+            Some((address, prefix)) => {
+                let digits = prefix.bytes().all(|byte| byte.is_ascii_digit());
+                let prefix: Option<u8> = prefix.parse().ok().filter(|_| digits);
+                (address, prefix.filter(|prefix| *prefix <= 32))
+            }
+            None => (text, Some(32)),
+        };
+        let address: Ipv4Addr = address.parse().map_err(|_| unreadable())?;
+        let prefix = prefix.ok_or_else(unreadable)?;
+        let first = Ipv4Addr::from(u32::from(address) & mask(prefix));
+        let subnet = Self { first, prefix };
+        if first == address {
+            Ok(subnet)
+        } else {
+            Err(SubnetError::Bits { found: text.to_owned(), expected: subnet })
+        }
+    }
+}
+
+impl fmt::Display for Subnet {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}/{}", self.first, self.prefix)
+    }
+}
+
+fn mask(prefix: u8) -> u32 {
+    u32::MAX.checked_shl(32 - u32::from(prefix.min(32))).unwrap_or(0)
+}
+
+impl Subnet {
+    fn last(self) -> u32 {
+        u32::from(self.first) | !mask(self.prefix)
+    }
+
+    /// Checks whether the subnet may be searched; `mine` confirms that a public range belongs to the user.
+    pub fn check(&self, mine: bool) -> Result<(), SubnetError> {
+        let addresses = u64::from(self.last() - u32::from(self.first)) + 1;
+        if self.prefix < SHORTEST_PREFIX {
+            return Err(SubnetError::TooLarge { found: *self, addresses });
+        }
+        let [a, ..] = self.first.octets();
+        if a == 0 || a >= 224 {
+            return Err(SubnetError::Reserved { found: *self });
+        }
+        let private = PRIVATE.iter().any(|(range, prefix)| {
+            u32::from(self.first) & mask(*prefix) == u32::from(*range) && self.prefix >= *prefix
+        });
+        if private || mine { Ok(()) } else { Err(SubnetError::Public { found: *self }) }
+    }
+
+    /// Host addresses. Subnets of more than two addresses exclude their network and broadcast addresses.
+    pub fn addresses(&self) -> impl Iterator<Item = IpAddr> + use<> {
+        let (first, last) = (u32::from(self.first), self.last());
+        let ends = u32::from(self.prefix < 31);
+        (first + ends..=last - ends).map(|address| IpAddr::V4(Ipv4Addr::from(address)))
+    }
+}
+
+/// Ranges in which a shop has its machines: private (RFC 1918), loopback, link-local, shared (RFC 6598), documentation (RFC 5737) and benchmarking
+/// (RFC 2544).
+const PRIVATE: [(Ipv4Addr, u8); 10] = [
+    (Ipv4Addr::new(10, 0, 0, 0), 8),
+    (Ipv4Addr::new(172, 16, 0, 0), 12),
+    (Ipv4Addr::new(192, 168, 0, 0), 16),
+    (Ipv4Addr::new(127, 0, 0, 0), 8),
+    (Ipv4Addr::new(169, 254, 0, 0), 16),
+    (Ipv4Addr::new(100, 64, 0, 0), 10),
+    (Ipv4Addr::new(192, 0, 2, 0), 24),
+    (Ipv4Addr::new(198, 51, 100, 0), 24),
+    (Ipv4Addr::new(203, 0, 113, 0), 24),
+    (Ipv4Addr::new(198, 18, 0, 0), 15),
+];
+
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Proposal {
+    /// The structure code, such as `w X' b Y Z t`.
+    pub structure: String,
+    /// Type number of the linear axes: number of X, Y and Z that carry the workpiece.
+    pub translational: u8,
+    /// Type number of the rotary axes: 0 none, 1 both carry the workpiece, 2 both carry the tool, 3
+    /// one carries the workpiece and the other the tool.
+    pub rotary: u8,
+    /// Rotary axes from the workpiece to the tool.
+    pub rotary_axes: Vec<AxisName>,
+    pub design: String,
+}
+
+/// Number of linear axes that carry the workpiece, the most common design first: for milling machines a table that
+/// moves in two directions or in one, then a gantry, then a knee.
+const WORKPIECE_AXES_BY_FREQUENCY: [u8; 4] = [2, 1, 0, 3];
+
+/// Possible structures for a control's axis letters; letters that name no axis are ignored. Empty unless X, Y and Z are
+/// all present with no or two rotary axes: the type numbers cover no other machines, so the user must enter the
+/// structure.
+pub fn proposals(letters: &[char]) -> Vec<Proposal> {
+    let mut axes: Vec<AxisName> = Vec::new();
+    for axis in letters.iter().filter_map(|letter| axis_of(*letter)) {
+        if !axes.contains(&axis) {
+            axes.push(axis);
+        }
+    }
+    let has_linear = [AxisName::X, AxisName::Y, AxisName::Z].iter().all(|axis| axes.contains(axis));
+    let mut rotary: Vec<AxisName> =
+        axes.into_iter().filter(|axis| axis.kind() == AxisKind::Rotary).collect();
+    rotary.sort_unstable();
+    if !has_linear {
+        return Vec::new();
+    }
+    let orders = match rotary[..] {
+        [] => vec![(0, Vec::new())],
+        // The last letter names the axis that turns about the spindle direction: the rotary table on a tilting table,
+        // or the carrier of a tilting head.
+        [first, last] => vec![
+            (1, vec![last, first]),
+            (3, vec![last, first]),
+            (2, vec![last, first]),
+            (1, vec![first, last]),
+            (2, vec![first, last]),
+            (3, vec![first, last]),
+        ],
+        _ => Vec::new(),
+    };
+    let proposed = orders.iter().flat_map(|(number, order)| {
+        WORKPIECE_AXES_BY_FREQUENCY
+            .iter()
+            .filter_map(move |translational| proposal(*translational, *number, order))
+    });
+    proposed.collect()
+}
+
+fn axis_of(letter: char) -> Option<AxisName> {
+    AxisName::ALL.into_iter().find(|axis| axis.to_string() == letter.to_string())
+}
+
+fn proposal(translational: u8, rotary: u8, axes: &[AxisName]) -> Option<Proposal> {
+    let structure = Structure::from_type(translational, rotary, axes).ok()?;
+    let linear = match translational {
+        0 => "the tool moves in X, Y and Z",
+        1 => "the table moves in X",
+        2 => "the table moves in X and Y",
+        _ => "the table moves in X, Y and Z",
+    };
+    let list: Vec<String> = axes.iter().map(ToString::to_string).collect();
+    let rotary_part = match rotary {
+        0 => String::new(),
+        1 => format!(", {} turn the workpiece", list.join(" and ")),
+        2 => format!(", {} turn the tool", list.join(" and ")),
+        _ => format!(", {} turns the workpiece and {} the tool", list.first()?, list.last()?),
+    };
+    Some(Proposal {
+        structure: structure.to_string(),
+        translational,
+        rotary,
+        rotary_axes: axes.to_vec(),
+        design: format!("{linear}{rotary_part}"),
+    })
 }
 
 #[cfg(test)]

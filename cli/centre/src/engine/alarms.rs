@@ -11,7 +11,7 @@ use crate::{
     ingest::Reception,
     records::{Alarm, AlarmKind, Live, Machine, Model, Version},
     rollout::{Phase, Rollout, Step},
-    store::alarms,
+    store::history,
     versions::{load_active_version, overdue_days, way_back},
 };
 
@@ -73,13 +73,13 @@ pub(super) fn update(
     if !gone.is_empty() || !raised.is_empty() || !changed.is_empty() {
         engine.store.write(|database| {
             for id in &gone {
-                alarms::clear(database, *id, now)?;
+                history::clear(database, *id, now)?;
             }
             for (id, text) in &changed {
-                alarms::set_text(database, *id, text)?;
+                history::set_text(database, *id, text)?;
             }
             for ((machine, kind), text) in &raised {
-                alarms::raise(database, machine.as_ref(), *kind, text, now)?;
+                history::raise(database, machine.as_ref(), *kind, text, now)?;
             }
             Ok(())
         })?;

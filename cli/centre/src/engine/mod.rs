@@ -4,9 +4,7 @@
 //! engine reads them once a second. Only the latest received state is held in memory.
 
 mod alarms;
-mod desired;
 mod pass;
-mod rollouts;
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -166,7 +164,7 @@ async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) 
 /// Runs the pass once a second, the collections of the sites, and the watch on the keys.
 async fn run(engine: Arc<Engine>, jobs: mpsc::SyncSender<WriteJob>) {
     let mut tasks = tokio::task::JoinSet::new();
-    tasks.spawn(desired::watch(Arc::clone(&engine)));
+    tasks.spawn(pass::watch(Arc::clone(&engine)));
     let mut sites = BTreeSet::new();
     let mut passes = tokio::time::interval(PASS_INTERVAL);
     passes.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
@@ -195,7 +193,7 @@ async fn run(engine: Arc<Engine>, jobs: mpsc::SyncSender<WriteJob>) {
             }
         }
         state = pass::run(&engine, state).await;
-        let sent = desired::send(&engine).await;
+        let sent = pass::send(&engine).await;
         let failure = match sent {
             _ if !engine.is_connected() => Some(format!(
                 "the NATS server cannot be reached: found none at {} that accepts the nkey of this centre, expected a nats-server with the configuration of `nats-config`",

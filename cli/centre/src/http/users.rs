@@ -1,23 +1,22 @@
-//! Login and logout, passwords and user management.
+//! Login and logout, passwords and user management. Authentication: the session of the cookie, the role that a route requires, and protection against cross-site requests.
 
 use std::{net::SocketAddr, sync::Arc};
 
 use axum::{
     Extension,
     body::Bytes,
-    extract::{Path, State},
-    http::{HeaderMap, HeaderValue, StatusCode, header},
+    extract::{Path, Request, State},
+    http::{HeaderMap, HeaderValue, Method, StatusCode, header},
+    middleware::Next,
+    response::{IntoResponse, Response},
 };
 use serde::Deserialize;
 use serde_json::json;
+use volcomp_web::is_of_another_page;
 
-use super::{
-    access,
-    response::{ApiError, ApiResult, document, done, read},
-    state::{PageState, Shared, in_place},
-};
-use crate::users::{
-    BootTime, Password, Refusal, Role, Session, Token, User, UserName, hash, is_right,
+use crate::{
+    http::state::{ApiError, ApiResult, PageState, Shared, document, done, in_place, read},
+    users::{BootTime, Password, Refusal, Role, Session, Token, User, UserName, hash, is_right},
 };
 
 #[derive(Deserialize)]
@@ -111,7 +110,7 @@ pub(super) async fn login(
         used: now,
         from: from.ip().to_string(),
     };
-    let shown = cookie(&page, token.text())?;
+    let shown = cookie_header(&page, token.text())?;
     let begun = page.query(move |store| store.begin_session(&token, &session, &compared));
     if !begun.await? {
         return Err(wrong_password(&page, from, &name).await);
@@ -121,8 +120,8 @@ pub(super) async fn login(
     Ok(response)
 }
 
-fn cookie(page: &PageState, token: &str) -> Result<HeaderValue, ApiError> {
-    let text = access::cookie(page.settings.secure, token);
+fn cookie_header(page: &PageState, token: &str) -> Result<HeaderValue, ApiError> {
+    let text = cookie(page.settings.secure, token);
     HeaderValue::from_str(&text).map_err(ApiError::inside)
 }
 
@@ -135,11 +134,11 @@ pub(super) async fn logout(
     Extension(user): Extension<User>,
     headers: HeaderMap,
 ) -> ApiResult {
-    if let Some(token) = access::token(&headers, page.settings.secure) {
+    if let Some(token) = token(&headers, page.settings.secure) {
         page.query(move |store| store.end_session(&token, &user.name)).await?;
     }
     let mut response = done()?;
-    response.headers_mut().insert(header::SET_COOKIE, cookie(&page, "")?);
+    response.headers_mut().insert(header::SET_COOKIE, cookie_header(&page, "")?);
     Ok(response)
 }
 
@@ -250,4 +249,93 @@ pub(super) async fn remove_user(
     let from = from.ip().to_string();
     page.query(move |store| store.remove_user(&name, admin.name.as_str(), &from)).await?;
     done()
+}
+
+/// Header that the web interface sends with every change. A page of another origin cannot send it without a preflight request, which this program
+/// never grants.
+const OURS: &str = "x-volcomp";
+
+/// Name of the cookie. The `__Host-` prefix under TLS makes the browser accept it only from this host and never over a plain connection.
+fn cookie_name(secure: bool) -> &'static str {
+    if secure { "__Host-volcomp-centre" } else { "volcomp-centre" }
+}
+
+/// The `Set-Cookie` header; an empty token deletes the cookie.
+fn cookie(secure: bool, token: &str) -> String {
+    let name = cookie_name(secure);
+    let only = if secure { "; Secure" } else { "" };
+    let end = if token.is_empty() { "; Max-Age=0" } else { "" };
+    format!("{name}={token}; Path=/; HttpOnly; SameSite=Strict{only}{end}")
+}
+
+pub(super) fn token(headers: &HeaderMap, secure: bool) -> Option<Token> {
+    let name = cookie_name(secure);
+    let cookies = headers.get_all(header::COOKIE).iter();
+    cookies
+        .filter_map(|value| value.to_str().ok())
+        .flat_map(|value| value.split(';'))
+        .filter_map(|pair| pair.trim().split_once('='))
+        .find(|(key, _)| *key == name)
+        .and_then(|(_, value)| Token::parse(value))
+}
+
+/// Checks that a change comes from our own web interface, or from a program that sends the header.
+fn is_ours(headers: &HeaderMap) -> Result<(), ApiError> {
+    let forbidden = |why: &str| ApiError::new(StatusCode::FORBIDDEN, why);
+    if headers.get(OURS).is_none_or(|value| value != "1") {
+        return Err(forbidden("a change needs the header X-Volcomp: 1"));
+    }
+    if is_of_another_page(headers) {
+        return Err(forbidden("the request comes from a page of another origin"));
+    }
+    Ok(())
+}
+
+/// Authorizes a request for its route. Changes are written to the audit log with the client's address.
+pub(super) async fn admit(
+    State((page, need)): State<(Arc<PageState>, Option<Role>)>,
+    Extension(from): Extension<SocketAddr>,
+    mut request: Request,
+    next: Next,
+) -> Response {
+    let changes = request.method() != Method::GET;
+    if changes && let Err(refused) = is_ours(request.headers()) {
+        page.refused(Refusal::Forbidden, from.ip(), request.uri().path()).await;
+        return refused.into_response();
+    }
+    let Some(role) = need else {
+        return next.run(request).await;
+    };
+    let user = match user(&page, request.headers()).await {
+        Ok(Some(user)) => user,
+        Ok(None) => {
+            return ApiError::new(StatusCode::UNAUTHORIZED, "log in first").into_response();
+        }
+        Err(refused) => return refused.into_response(),
+    };
+    if user.role < role {
+        page.refused(Refusal::Forbidden, from.ip(), request.uri().path()).await;
+        let why = format!("this needs the role {role}, {} is {}", user.name, user.role);
+        return ApiError::new(StatusCode::FORBIDDEN, why).into_response();
+    }
+    let name = user.name.clone();
+    let (method, path) = (request.method().clone(), request.uri().path().to_owned());
+    request.extensions_mut().insert(user);
+    let response = next.run(request).await;
+    if changes {
+        let details = json!({
+            "from": from.ip(),
+            "method": method.as_str(),
+            "status": response.status().as_u16(),
+        });
+        page.record(name.as_str(), "request", path, details).await;
+    }
+    response
+}
+
+async fn user(page: &Arc<PageState>, headers: &HeaderMap) -> Result<Option<User>, ApiError> {
+    let Some(token) = token(headers, page.settings.secure) else {
+        return Ok(None);
+    };
+    page.query(move |store| store.session(&token, &BootTime::now())).await
 }

@@ -4,11 +4,12 @@ use rusqlite::{Connection, Row, params};
 use serde_json::Value as Json;
 use sha2::{Digest, Sha256};
 
-use super::{
-    Store,
-    database::{execute, first, json, rows},
+use crate::{
+    Error,
+    clock::now_s,
+    records::AuditRecord,
+    store::{Store, execute, first, json, rows},
 };
-use crate::{Error, clock::now_s, records::AuditRecord};
 
 /// Appends a record in the transaction of the change that it describes.
 pub(crate) fn append(

@@ -4,14 +4,11 @@ use rusqlite::Connection;
 use serde_json::json;
 use volcomp_fleet::MachineId;
 
-use super::{
-    Store, audit,
-    database::{document, documents, execute},
-};
 use crate::{
     Error,
     records::{Live, Machine},
     rollout::Rollout,
+    store::{Store, audit, document, documents, execute},
 };
 
 pub(crate) fn machine_named(

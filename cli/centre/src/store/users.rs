@@ -1,13 +1,10 @@
 use rusqlite::{Connection, Row, params};
 use serde_json::{Value as Json, json};
 
-use super::{
-    Store, audit,
-    database::{document, execute, first, json, number, rows},
-};
 use crate::{
     Error,
     clock::now_s,
+    store::{Store, audit, document, execute, first, json, number, rows},
     users::{BootTime, Role, Session, Token, User, UserName},
 };
 

@@ -21,7 +21,7 @@ use volcomp_centre::{
 use volcomp_fleet::Condition;
 use volcomp_test_support::peers;
 
-use crate::page::{PASSWORD, Page};
+use crate::support::{PASSWORD, Page};
 
 pub(crate) fn run(script: &str, arguments: &[&str]) {
     if !Path::new("/usr/bin/chromium").exists() {

@@ -15,9 +15,8 @@ use volcomp_fleet::{Kind, Outcome};
 use volcomp_test_support::until;
 
 use crate::{
-    page::{Answer, PASSWORD, Page},
     shop::LONG,
-    support::{condition, envelope, machine, model, received, tell},
+    support::{Answer, PASSWORD, Page, condition, envelope, machine, model, received, tell},
 };
 
 /// Every route with every role and without a user. A forbidden request is rejected before any other check.

@@ -4,16 +4,12 @@
 
 mod browser;
 mod command;
-mod config;
-mod demo;
 mod discover;
 mod engine;
-mod engine_rollouts;
 mod gateway;
 mod http;
 mod ingest;
 mod map;
-mod page;
 mod rollout;
 mod servers;
 mod shop;

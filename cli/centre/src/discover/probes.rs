@@ -1,5 +1,9 @@
 //! A volcomp gateway: its web page identifies it. Its state, if readable without a token, names the machine that it
 //! corrects.
+//!
+//! A FANUC control: its type, its software and its axis letters.
+//!
+//! A Modbus module: its identification (function 43, MEI type 14, read device identification).
 
 use std::{io, net::SocketAddr, sync::Arc, time::Duration};
 
@@ -17,8 +21,9 @@ use tokio_rustls::{
         pki_types::{CertificateDer, ServerName, UnixTime},
     },
 };
+use volcomp_focas::{Client, FocasError};
 
-use super::{Device, Kind, RateLimiter, clean};
+use crate::discover::{Device, Kind, RateLimiter, clean};
 
 const MAX_RESPONSE_BYTES: u64 = 256 * 1024;
 const TITLE: &str = "<title>volcomp gateway</title>";
@@ -42,7 +47,7 @@ struct Machine {
     axes: Vec<String>,
 }
 
-pub(super) async fn probe(
+pub(super) async fn probe_gateway(
     at: SocketAddr,
     stream: TcpStream,
     pace: &RateLimiter,
@@ -204,4 +209,127 @@ impl ServerCertVerifier for AnyCertificate {
     fn supported_verify_schemes(&self) -> Vec<SignatureScheme> {
         self.0.signature_verification_algorithms.supported_schemes()
     }
+}
+
+/// Queries the control on a blocking thread; each request has the timeout `at_most`.
+pub(super) async fn probe_focas(at: SocketAddr, at_most: Duration) -> Device {
+    let asked = tokio::task::spawn_blocking(move || questions(at, at_most)).await;
+    match asked {
+        Ok(Ok(device)) => device,
+        Ok(Err(error)) => Device::other(at, Kind::Focas, error.to_string()),
+        Err(_) => Device::other(at, Kind::Focas, "the question failed"),
+    }
+}
+
+fn questions(at: SocketAddr, at_most: Duration) -> Result<Device, FocasError> {
+    let mut client = Client::open(&at.ip().to_string(), at.port(), at_most)?;
+    let mut device = Device::at(at, Kind::Focas);
+    let info = client.system_info()?;
+    device.control = clean(&format!(
+        "FANUC {} {} series {} {}",
+        info.cnc_type, info.machine_type, info.series, info.version
+    ));
+    // A control that reports its type but not its axes is still a control.
+    match client.axis_names() {
+        Ok(mut names) => {
+            // Use as many names as the path reports axes: some controls return unused slots with arbitrary letters
+            // after them.
+            if let Ok(count) = info.axes.trim().parse::<usize>()
+                && count > 0
+            {
+                names.truncate(count);
+            }
+            names.truncate(32);
+            device.axes = names;
+        }
+        Err(error) => device.note = clean(&error.to_string()),
+    }
+    Ok(device)
+}
+
+/// Unit identifiers to query: a module with its own network port, then the first unit on a serial converter.
+const UNIT_IDS: [u8; 2] = [255, 1];
+/// Function code 43 (encapsulated interface) and MEI type 14 (device identification).
+const FUNCTION: [u8; 2] = [0x2b, 0x0e];
+/// Maximum length of a Modbus TCP frame after its length field, bytes.
+const MAX_FRAME_BYTES: usize = 254;
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Identification {
+    /// Vendor, product and revision, as far as reported.
+    Objects([Option<String>; 3]),
+    /// Exception code: the module does not support this function, or not for this unit.
+    Refused(u8),
+}
+
+/// Parses a response after its header: the function code and its data. `None` if it is malformed.
+pub fn parse_identification(pdu: &[u8]) -> Option<Identification> {
+    match pdu {
+        [function, code, ..] if *function == FUNCTION[0] | 0x80 => {
+            Some(Identification::Refused(*code))
+        }
+        // Bytes skipped after the MEI type: read code, conformity level, more follows, next object.
+        [0x2b, 0x0e, _, _, _, _, count, rest @ ..] => {
+            let mut objects: [Option<String>; 3] = [None, None, None];
+            let mut rest = rest;
+            for _ in 0..*count {
+                let [id, length, behind @ ..] = rest else {
+                    return None;
+                };
+                let text = behind.get(..usize::from(*length))?;
+                rest = &behind[usize::from(*length)..];
+                if let Some(object) = objects.get_mut(usize::from(*id)) {
+                    *object = Some(clean(&String::from_utf8_lossy(text)));
+                }
+            }
+            Some(Identification::Objects(objects))
+        }
+        _ => None,
+    }
+}
+
+pub(super) async fn probe_modbus(at: SocketAddr, mut stream: TcpStream) -> Device {
+    let mut device = Device::at(at, Kind::Modbus);
+    for (number, unit) in UNIT_IDS.into_iter().enumerate() {
+        let transaction = 0x5643 + u16::try_from(number).unwrap_or(0);
+        match question(&mut stream, transaction, unit).await {
+            Ok(Some(Identification::Objects([vendor, product, revision]))) => {
+                let words: Vec<String> = [vendor, product].into_iter().flatten().collect();
+                device.control = clean(&words.join(" "));
+                device.note = revision
+                    .map_or_else(String::new, |revision| clean(&format!("revision {revision}")));
+                return device;
+            }
+            Ok(Some(Identification::Refused(code))) => {
+                device.note = format!("it does not report its type (exception {code})");
+            }
+            Ok(None) => return Device::other(at, Kind::Modbus, "its response is no Modbus frame"),
+            Err(error) if device.note.is_empty() => {
+                return Device::other(at, Kind::Modbus, error.to_string());
+            }
+            // A response to an earlier unit identifier has already identified the device as a Modbus module.
+            Err(_) => return device,
+        }
+    }
+    device
+}
+
+async fn question(
+    stream: &mut TcpStream,
+    transaction: u16,
+    unit: u8,
+) -> io::Result<Option<Identification>> {
+    let [high, low] = transaction.to_be_bytes();
+    let [function, mei] = FUNCTION;
+    stream.write_all(&[high, low, 0, 0, 0, 5, unit, function, mei, 1, 0]).await?;
+    let mut head = [0; 7];
+    stream.read_exact(&mut head).await?;
+    let length = usize::from(u16::from_be_bytes([head[4], head[5]]));
+    let is_ours = head[..4] == [high, low, 0, 0];
+    if !is_ours || !(2..=MAX_FRAME_BYTES).contains(&length) {
+        return Ok(None);
+    }
+    let mut pdu = vec![0; length - 1];
+    stream.read_exact(&mut pdu).await?;
+    Ok(parse_identification(&pdu))
 }
