@@ -14,7 +14,6 @@ use sha2::{Digest, Sha256};
 use time::OffsetDateTime;
 use volcomp_runtime::monotonic;
 
-pub(crate) mod slots;
 pub mod writer;
 
 use crate::documents::{Broken, Details, Record};

@@ -5,7 +5,6 @@ pub mod check;
 pub mod client;
 pub mod config;
 mod devices;
-pub mod differences;
 pub mod documents;
 pub mod error;
 #[cfg(feature = "fleet")]
@@ -21,7 +20,6 @@ pub mod machine;
 pub mod metrics;
 pub mod models;
 mod observe;
-pub mod operate;
 pub mod options;
 pub mod plan;
 pub mod published;
@@ -30,10 +28,7 @@ pub mod request;
 pub mod run;
 pub mod send_map;
 pub mod service;
-pub mod signals;
 pub mod simulate;
-pub mod slot;
-pub mod status;
 pub mod token;
 mod toml_text;
 

@@ -11,19 +11,18 @@ use clap_complete::Shell;
 use volcomp_gateway::interop::shdr;
 use volcomp_gateway::{
     check,
-    client::RunningArguments,
+    client::{self, ArmArguments, RunningArguments},
     config::Config,
     documents,
     error::GatewayError,
     http::tls,
     init::{self, InitArguments},
     install::{self, ServiceCommand},
-    operate::{self, ArmArguments},
     options::Options,
     plan::Plan,
     print,
     rehearse::{self, Rehearsal},
-    run, send_map, signals, status,
+    run, send_map,
     token::{self, TokenCommand},
 };
 
@@ -261,7 +260,7 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
         }
         Some(Command::Rehearse { config, json, seed, fault }) => {
             let rehearsal = Rehearsal::of(seed, &fault)?;
-            signals::exit_when_interrupted()?;
+            run::exit_when_interrupted()?;
             let found = rehearsal.run(&Plan::new(Config::read(&config)?)?)?;
             print(&if json { check::line(&found)? } else { rehearse::text(&found, columns()) })?;
             found.verdict()
@@ -269,12 +268,12 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
         Some(Command::Init(arguments)) => print(&init::init(arguments)?),
         Some(Command::Status { running, json }) => {
             let token = running.token()?;
-            let status = status::request(&running.dashboard()?, token.as_deref())?;
-            print(&if json { check::line(&status)? } else { status::text(&status) })
+            let status = client::request_status(&running.dashboard()?, token.as_deref())?;
+            print(&if json { check::line(&status)? } else { client::status_text(&status) })
         }
-        Some(Command::Arm(arguments)) => print(&operate::arm(&arguments)?),
-        Some(Command::Disarm(running)) => print(&operate::disarm(&running)?),
-        Some(Command::Acknowledge(running)) => print(&operate::acknowledge(&running)?),
+        Some(Command::Arm(arguments)) => print(&client::arm(&arguments)?),
+        Some(Command::Disarm(running)) => print(&client::disarm(&running)?),
+        Some(Command::Acknowledge(running)) => print(&client::acknowledge(&running)?),
         Some(Command::Token(TokenCommand::Add(arguments))) => {
             print(&(token::add(&arguments)? + "\n"))
         }

@@ -14,8 +14,8 @@ use tokio::sync::oneshot;
 use volcomp_runtime::DisarmSwitch;
 
 use crate::{
-    differences::Differences,
     documents::{Answer, ModelSource, Refusal},
+    identity::Differences,
 };
 
 /// Maximum number of queued requests. Requests to disarm have further slots of the same number.

@@ -8,30 +8,24 @@ use std::collections::BTreeMap;
 use schemars::{JsonSchema, Schema, schema_for};
 use serde::{Deserialize, Serialize};
 
-mod events;
 mod model;
 mod plan;
 mod record;
-mod rehearsal;
 mod state;
 
-pub use events::{EventKind, EventLog, LogEvent};
 pub use model::{
     Candidate, CandidateBrief, CandidateResult, CandidateStep, ConfiguredModel, ModelActivate,
     ModelBack, ModelDiagonal, ModelEntry, ModelInForce, ModelOutcome, ModelRequest, ModelSource,
     ModelState, ModelsKept, UploadedFile,
 };
 pub use plan::{
-    AxisPlan, BarrierPlan, ControllerPlan, FleetPlan, MachinePlan, OnlineBarrier,
-    OnlineBarrierAxis, OnlinePlan, PlanDocument, SensorPlan, TokenPlan,
+    AxisBounds, AxisPlan, BarrierPlan, ControllerPlan, Excursion, FleetPlan, MachinePlan,
+    OnlineBarrier, OnlineBarrierAxis, OnlinePlan, PlanDocument, RehearsalDocument, RehearsedAxis,
+    RehearsedBarrier, RehearsedFault, RehearsedLimits, RehearsedPath, SensorPlan, TokenPlan,
 };
 pub use record::{
-    Broken, ConfirmedLimits, Details, Event, LastOutput, LimitChanges, Record, Standing, Start,
-    StateChange, Stop,
-};
-pub use rehearsal::{
-    AxisBounds, Excursion, RehearsalDocument, RehearsedAxis, RehearsedBarrier, RehearsedFault,
-    RehearsedLimits, RehearsedPath,
+    Broken, ConfirmedLimits, Details, Event, EventKind, EventLog, LastOutput, LimitChanges,
+    LogEvent, Record, Standing, Start, StateChange, Stop,
 };
 pub use state::{
     ByAxis, ControllerState, CorrectionLimits, CycleTimes, DemoState, DisturbRequest, Disturbance,

@@ -28,16 +28,13 @@ use crate::{
     request::RequestSender,
 };
 
-mod audit_tail;
 mod manifests;
 mod reporter;
 mod shared;
-mod store;
 
-use manifests::{ManifestActivator, ManifestReceiver};
+use manifests::{ManifestActivator, ManifestReceiver, Store, StoredFleet};
 use reporter::Reporter;
 use shared::Shared;
-use store::{Store, StoredFleet};
 
 const RETRY_INTERVAL: Duration = Duration::from_secs(10);
 const END_TIMEOUT: Duration = Duration::from_secs(2);
@@ -116,7 +113,7 @@ pub fn start(
         acknowledge,
     );
     let receiver = ManifestReceiver::new(
-        store::trust(fleet, identity.machine.clone()),
+        manifests::trust(fleet, identity.machine.clone()),
         model.axes.clone(),
         &kept,
         service,

@@ -12,7 +12,6 @@ use tokio::sync::oneshot;
 
 use crate::{config::Config, error::GatewayError, published::Published};
 
-pub mod alarms;
 #[cfg(feature = "opc-ua-server")]
 mod opc_ua;
 pub mod quantities;

@@ -22,8 +22,10 @@ use crate::{
     error::GatewayError,
     interop::{
         InterfaceThread,
-        alarms::{Alarm, Level, Place, places},
-        quantities::{Kind, Part, Quantity, Shape, Unit, Value, condition_key, key_of, quantities},
+        quantities::{
+            Alarm, Kind, Level, Part, Place, Quantity, Shape, Unit, Value, condition_key, key_of,
+            places, quantities,
+        },
         start,
     },
     published::Published,

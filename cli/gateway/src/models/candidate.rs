@@ -22,12 +22,12 @@ use volcomp_web::file_name;
 
 use crate::{
     audit::utc_now,
-    differences::{ACTIVE, Differences, differences},
     documents::{
         Candidate, CandidateBrief, CandidateResult, CandidateStep, ModelDiagonal, UploadedFile,
     },
+    identity::{ACTIVE, Differences, differences},
     locked,
-    models::shared::{Activate, BUILT_IN, HeldCandidate, Shared, candidate_gone},
+    models::worker::{Activate, BUILT_IN, HeldCandidate, Shared, candidate_gone},
     request::{Reply, refused},
 };
 

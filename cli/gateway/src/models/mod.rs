@@ -28,14 +28,12 @@ use crate::{
 };
 
 mod candidate;
-mod shared;
 pub(crate) mod store;
 mod worker;
 
 pub(crate) use candidate::{MAX_FILE_BYTES, UploadSlot};
-use shared::{Activate, BUILT_IN, GIVEN_UP, Job, RequestDeadline, Shared};
 use store::Store;
-use worker::ModelWorker;
+use worker::{Activate, BUILT_IN, GIVEN_UP, Job, ModelWorker, RequestDeadline, Shared};
 
 /// The models of a machine, as used by the dashboard.
 #[derive(Clone)]

@@ -14,7 +14,7 @@ use crate::{
     documents::{
         AxisPlan, BarrierPlan, ByAxis, ControllerPlan, MachinePlan, PlanDocument, SensorPlan, round,
     },
-    plan::{Plan, checks},
+    plan::{self, Plan},
 };
 
 pub(super) fn document(plan: &Plan) -> Result<PlanDocument, ModelError> {
@@ -216,7 +216,7 @@ fn notes(plan: &Plan, controllers: &[ControllerPlan], sensors: &[SensorPlan]) ->
         notes.extend(linear_near_singular(plan, path));
     }
     for controller in &plan.config.controllers {
-        let unseen = checks::by_name(controller.unseen()).into_iter();
+        let unseen = plan::by_name(controller.unseen()).into_iter();
         let names: Vec<&str> =
             unseen.filter_map(|(name, is_unseen)| is_unseen.then_some(name)).collect();
         if !names.is_empty() {

@@ -1,16 +1,23 @@
-//! The work around the control thread that has no deadline: requests, audit log, reloads, publication of the state.
+//! The work around the control thread that has no deadline: requests, audit log, reloads, publication of the state, proof
+//! of life for the service manager's watchdog.
 //!
 //! The service never waits for a disk: the [`AuditWriter`] writes and the worker reads.
 
 use std::{
     collections::VecDeque,
-    sync::Arc,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering},
+        mpsc::{Receiver, sync_channel},
+    },
+    thread,
     time::{Duration, Instant},
 };
 
-use volcomp_guard::{Cause, Phase, Reasons, State};
+use tokio::sync::oneshot;
+use volcomp_guard::{Cause, End, Phase, Reasons, Request, State};
 use volcomp_port::{Clock, Description};
-use volcomp_runtime::{DisarmSwitch, Handle, Model, Report, monotonic};
+use volcomp_runtime::{DisarmSwitch, Handle, Model, Report, Timing, monotonic};
 use volcomp_vocabulary::PerAxis;
 
 use crate::{
@@ -20,34 +27,23 @@ use crate::{
     },
     config::Config,
     documents::{
-        ByAxis, Details, Event, LastOutput, ModelEntry, ModelOutcome, Standing, Start, StateChange,
-        StateName, Status, Stop,
+        Answer, ByAxis, Details, Event, LastOutput, ModelEntry, ModelOutcome, ModelSource,
+        Question, Settled, Standing, Start, StateChange, StateName, Status, Stop,
     },
     error::GatewayError,
+    identity::Judgement,
     models::ModelReports,
     observe::{self, Facts, Times},
     options::Options,
+    plan::Plan,
     published::Publisher,
-    request::{RequestQueue, ServiceRequest},
-    service::{
-        lags::Lags,
-        step::{Comparison, PendingRequest},
-        watchdog::Watchdog,
-        worker::Worker,
-    },
+    request::{ModelActivation, Reply, RequestQueue, ServiceRequest, refused},
     simulate::Truth,
 };
 
-mod arming;
-mod lags;
 mod reload;
 mod requests;
 pub(crate) mod standing;
-mod step;
-mod watchdog;
-mod worker;
-
-pub use watchdog::Life;
 
 /// Interval at which the state is published and changes are recorded.
 const TICK: Duration = Duration::from_millis(50);
@@ -508,5 +504,434 @@ impl Service {
             correction: report.correction,
             receipt: (serde_json::to_string(&output).ok()).map(|text| self.writer.keep(path, text)),
         };
+    }
+}
+
+const FILES_TIMEOUT: Duration = Duration::from_secs(8);
+
+const AUTO_ARM: &str = "auto_arm";
+
+struct PendingRequest {
+    who: String,
+    answer: Option<oneshot::Sender<Reply>>,
+    disarms: u64,
+    step: Step,
+}
+
+enum Step {
+    /// Arming: the model armed last is read and compared with the present one.
+    Comparison(Comparison),
+    ArmingRecord(ArmingRecord),
+    FileReading(FileReading),
+    ReloadRecord(Box<ReloadRecord>),
+    Effect(Effect),
+}
+
+#[derive(Clone, Copy)]
+struct Effect {
+    request: Request,
+    /// Number of the last cycle before the order.
+    cycle: u64,
+    /// Deadline for the effect. Only disarming is executed after it.
+    until: Instant,
+}
+
+enum Progress {
+    Waits(Step),
+    Next(Step),
+    Done(Reply),
+}
+
+struct Compared {
+    question: Option<Question>,
+    last: Option<Model>,
+}
+
+/// `Err` holds the reason why the comparison failed.
+type ComparisonResult = Result<Compared, String>;
+
+struct Comparison {
+    result: Receiver<ComparisonResult>,
+    until: Instant,
+}
+
+struct ArmingRecord {
+    receipts: [Receipt; 3],
+    written: [bool; 3],
+    until: Instant,
+}
+
+/// Result of planning a reload: the plan, its effect on the correction, and the question to confirm first.
+type PlanResult = Result<(Box<Plan>, Judgement), GatewayError>;
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum ModelOrigin {
+    /// Machine file named in the configuration. The configuration is read again as well.
+    Configured,
+    /// The fleet's centre, with the hash confirmed there. Only the machine file changes.
+    Centre(Option<String>),
+    /// Selected by an operator. Only the machine file changes.
+    Operator(Box<ModelActivation>),
+}
+
+impl ModelOrigin {
+    /// Origin of a model, and the name of its file. `config` is the configuration to be applied.
+    fn describe_origin(&self, config: &Config) -> (ModelSource, String) {
+        match self {
+            Self::Operator(activation) => (activation.from, activation.file.clone()),
+            Self::Centre(_) => (ModelSource::Centre, "centre".to_owned()),
+            Self::Configured => (config.machine_from(), config.machine.display().to_string()),
+        }
+    }
+}
+
+struct FileReading {
+    origin: ModelOrigin,
+    result: Receiver<PlanResult>,
+    until: Instant,
+}
+
+struct ReloadRecord {
+    who: String,
+    origin: ModelOrigin,
+    plan: Box<Plan>,
+    /// The judged change of the correction, without an open question.
+    judged: Judgement,
+    receipts: Vec<Receipt>,
+    until: Instant,
+}
+
+fn is_reached(request: Request, state: State) -> bool {
+    match request {
+        Request::Arm | Request::TakeOver | Request::Switched => state.is_armed(),
+        Request::Disarm | Request::End => !state.is_armed(),
+        Request::Acknowledge => !matches!(state, State::Faulted(_)),
+    }
+}
+
+/// Why a request has not taken effect. The reasons of the state give the cause.
+fn refusal(request: Request, state: State) -> &'static str {
+    match (request, state) {
+        (Request::Acknowledge, _) => {
+            "still faulted: a fault ends when no interlock is active and the applied correction is known"
+        }
+        (Request::Disarm | Request::End, _) => "not disarmed yet",
+        (_, State::Faulted(_)) => "not armed: acknowledge the fault first",
+        (_, State::RampingOut(End::Disarmed)) => {
+            "not armed: the correction still ramps to zero, and the reasons of the state prevent arming"
+        }
+        _ => "not armed: the reasons of the state prevent it",
+    }
+}
+
+fn finish(who: &str, answer: Option<oneshot::Sender<Reply>>, reply: Reply) {
+    match answer {
+        // The receiver may have been dropped.
+        Some(to) => drop(to.send(reply)),
+        None if who == AUTO_ARM => {}
+        None => tracing::info!("{who}: {}", describe(&reply.answer)),
+    }
+}
+
+fn control_unavailable() -> Reply {
+    refused(503, "the control thread accepts no orders")
+}
+
+fn log_unavailable(state: State, why: Option<&str>) -> Reply {
+    let why = why.unwrap_or("the audit log cannot be written");
+    settled(409, state, Reasons::AUDIT, Some(why))
+}
+
+fn settled(status: u16, state: State, reasons: Reasons, error: Option<&str>) -> Reply {
+    Reply {
+        status,
+        answer: Answer::Settled(Settled {
+            state: state.into(),
+            reasons: reasons.texts().map(str::to_owned).collect(),
+            error: error.map(str::to_owned),
+        }),
+    }
+}
+
+fn describe(answer: &Answer) -> String {
+    match answer {
+        Answer::Question(question) => {
+            let size = |size: Option<f64>| {
+                size.map_or("an unknown number of".to_owned(), |size| format!("{size:.1}"))
+            };
+            let limits: Vec<&str> = question.limits.keys().map(String::as_str).collect();
+            let limits = if limits.is_empty() {
+                String::new()
+            } else {
+                format!("; {} changed", limits.join(", "))
+            };
+            // Without limits for rotary axes no rotary axis is corrected.
+            let rotary = question.confirm_urad.map_or(String::new(), |_| {
+                format!(" and {} µrad", size(question.worst_corner_urad))
+            });
+            let differences: Vec<&str> = question
+                .differences
+                .iter()
+                .map(|difference| difference.trim_end_matches('.'))
+                .collect();
+            let differences = if differences.is_empty() {
+                String::new()
+            } else {
+                format!("; {}", differences.join("; "))
+            };
+            format!(
+                "{} must be confirmed: it moves a point of the work space by {} µm{rotary}{limits}{differences}",
+                question.model,
+                size(question.worst_corner_um)
+            )
+        }
+        Answer::Settled(settled) => {
+            let why = settled.error.iter().chain(&settled.reasons);
+            let words: Vec<&str> = why.map(String::as_str).collect();
+            let state = settled.state.name();
+            if words.is_empty() {
+                state.to_owned()
+            } else {
+                format!("{state}: {}", words.join(", "))
+            }
+        }
+        Answer::Reloaded(reloaded) if reloaded.unchanged => {
+            format!("model {}, nothing has changed", reloaded.model)
+        }
+        Answer::Reloaded(reloaded) => format!("model {}", reloaded.model),
+        Answer::Refusal(refusal) => refusal.error.clone(),
+    }
+}
+
+fn disk_timeout() -> Reply {
+    refused(503, "the disk with the files does not answer: try again")
+}
+
+/// Maximum time between two reports for which the reported temperatures are used. Beyond it, the lags are stepped
+/// without temperatures.
+const MAX_REPORT_GAP: Duration = Duration::from_secs(1);
+
+struct Lags {
+    model: Model,
+    /// Index of each sensor of the model among the temperatures; `None` if no thermometer measures it.
+    indices: Vec<Option<usize>>,
+    at: Duration,
+}
+
+impl Lags {
+    fn new(model: &Model, names: &[String]) -> Self {
+        let place = |wanted: &String| names.iter().position(|name| name == wanted);
+        Self {
+            indices: model.sensors().iter().map(place).collect(),
+            model: model.clone(),
+            at: Duration::ZERO,
+        }
+    }
+
+    fn replace(&mut self, model: &Model, names: &[String]) {
+        let mut next = Self::new(model, names);
+        next.model.carry_over(&self.model);
+        next.at = self.at;
+        *self = next;
+    }
+
+    fn follow(&mut self, report: &Report) {
+        let passed = report.now.saturating_sub(self.at);
+        self.at = report.now;
+        let seen = passed.min(MAX_REPORT_GAP);
+        let sensor = |place: &Option<usize>| report.sensors.get((*place)?)?.degc;
+        let degc: Vec<Option<f64>> = self.indices.iter().map(sensor).collect();
+        self.model.stand(passed.saturating_sub(seen).as_secs_f64());
+        self.model.step(seen.as_secs_f64(), &degc);
+    }
+
+    fn model(&self) -> &Model {
+        &self.model
+    }
+}
+
+/// Counter of the proofs that cycles are on time.
+#[derive(Clone, Debug, Default)]
+pub struct Life(Arc<AtomicU64>);
+
+impl Life {
+    /// The number of proofs so far.
+    pub fn proofs(&self) -> u64 {
+        self.0.load(Ordering::Relaxed)
+    }
+
+    fn prove(&self) {
+        self.0.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+/// Checks that cycles are on time: no gap is longer than `timeout`, and at least a third of the expected cycles have
+/// run.
+struct Watchdog {
+    interval: Duration,
+    period: Duration,
+    timeout: Duration,
+    since: Instant,
+    cycles: u64,
+}
+
+impl Watchdog {
+    /// `time` is the watchdog timeout of the service manager; `timeout` is the longest permitted gap between cycles.
+    fn new(time: Duration, period: Duration, timeout: Duration, now: Instant) -> Self {
+        Self {
+            // A missed proof delays the next one by a further interval, and that proof must still be in time.
+            interval: (time / 4).min(Duration::from_secs(1)),
+            period,
+            timeout,
+            since: now,
+            cycles: 0,
+        }
+    }
+
+    fn count(&mut self, timing: &Timing, now: Instant) {
+        self.cycles += 1;
+        if self.period.saturating_mul(timing.missed.saturating_add(1)) > self.timeout {
+            self.begin(now);
+        }
+    }
+
+    /// True if a proof is due now. `is_silent`: the control thread has run no cycle for too long.
+    fn is_due(&mut self, is_silent: bool, now: Instant) -> bool {
+        if is_silent {
+            self.begin(now);
+            return false;
+        }
+        let passed = now.saturating_duration_since(self.since);
+        if passed < self.interval {
+            return false;
+        }
+        let expected = passed.as_secs_f64() / self.period.as_secs_f64();
+        let is_on_time = self.cycles as f64 * 3.0 >= expected;
+        self.begin(now);
+        is_on_time
+    }
+
+    fn begin(&mut self, now: Instant) {
+        self.since = now;
+        self.cycles = 0;
+    }
+}
+
+#[derive(Default)]
+struct Worker {
+    /// Cleared before the result is sent, so that the receiver of the result can begin the next task.
+    busy: Arc<AtomicBool>,
+    /// Number of tasks whose result has not been sent.
+    open: Arc<AtomicUsize>,
+}
+
+impl Worker {
+    /// Waits at most `timeout` until the results of all tasks can be received. Returns false after the timeout.
+    fn settle(&self, timeout: Duration) -> bool {
+        let end = Instant::now() + timeout;
+        while self.open.load(Ordering::Acquire) > 0 {
+            if Instant::now() > end {
+                return false;
+            }
+            thread::sleep(Duration::from_micros(100));
+        }
+        true
+    }
+
+    /// Starts a task and returns the receiver of its result. `None`: the last task is still running, or no thread can
+    /// be created.
+    fn begin<T: Send + 'static>(
+        &mut self,
+        work: impl FnOnce() -> T + Send + 'static,
+    ) -> Option<Receiver<T>> {
+        if self.busy.swap(true, Ordering::AcqRel) {
+            return None;
+        }
+        let (tell, result) = sync_channel(1);
+        let (busy, open) = (Arc::clone(&self.busy), Arc::clone(&self.open));
+        open.fetch_add(1, Ordering::AcqRel);
+        // The thread logs under the span of the machine that starts it.
+        let span = tracing::Span::current();
+        let begun = thread::Builder::new().name("volcomp-files".to_owned()).spawn(move || {
+            let result = span.in_scope(work);
+            busy.store(false, Ordering::Release);
+            // The receiver may have been dropped.
+            let _ = tell.send(result);
+            open.fetch_sub(1, Ordering::AcqRel);
+        });
+        if begun.is_err() {
+            self.busy.store(false, Ordering::Release);
+            self.open.fetch_sub(1, Ordering::AcqRel);
+        }
+        begun.is_ok().then_some(result)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use volcomp_guard::{Cause, End, Hold, Phase, Request, State};
+
+    use super::*;
+
+    #[test]
+    fn every_state_and_every_request() {
+        let [arm, disarm, acknowledge] = [Request::Arm, Request::Disarm, Request::Acknowledge];
+        // State, then the expected results of arming, disarming and acknowledging.
+        let table = [
+            (State::Disarmed, [false, true, true]),
+            (State::Arming(Phase::Proving), [true, false, true]),
+            (State::Arming(Phase::Ramping), [true, false, true]),
+            (State::Compensating, [true, false, true]),
+            (State::Holding(Hold::Stale), [true, false, true]),
+            (State::Holding(Hold::Lost), [true, false, true]),
+            (State::Holding(Hold::Interlocked), [true, false, true]),
+            (State::Holding(Hold::Unconfirmed), [true, false, true]),
+            (State::RampingOut(End::Disarmed), [false, true, true]),
+            // The guard resumes automatically when positions return.
+            (State::RampingOut(End::Lost), [true, false, true]),
+            (State::Faulted(Cause::DoesNotStick), [false, true, false]),
+            (State::Faulted(Cause::Contradiction), [false, true, false]),
+            (State::Faulted(Cause::BeyondLimit), [false, true, false]),
+            (State::Faulted(Cause::OtherGateway), [false, true, false]),
+        ];
+        for (state, expected) in table {
+            let found = [arm, disarm, acknowledge].map(|request| is_reached(request, state));
+            assert_eq!(found, expected, "{state:?}");
+        }
+    }
+
+    const MS: Duration = Duration::from_millis(1);
+
+    /// Number of proofs within ten seconds. The watchdog timeout is 400 ms. A cycle of 4 ms runs only every `every` ms,
+    /// and no cycle runs for `gap_ms` after 5 s.
+    fn fed(every: u32, gap_ms: u32) -> u32 {
+        let begun = Instant::now();
+        let mut dog = Watchdog::new(400 * MS, 4 * MS, 100 * MS, begun);
+        let (mut fed, mut last) = (0, 0);
+        for ms in 1..10_000_u32 {
+            let now = begun + ms * MS;
+            let in_gap = ms > 5000 && ms < 5000 + gap_ms;
+            if ms.is_multiple_of(every) && !in_gap {
+                let missed = (ms - last) / 4 - 1;
+                last = ms;
+                let timing = Timing { missed, ..Timing::default() };
+                dog.count(&timing, now);
+            }
+            if ms.is_multiple_of(50) {
+                fed += u32::from(dog.is_due(ms - last > 100, now));
+            }
+        }
+        fed
+    }
+
+    /// At least every third cycle must run.
+    #[test]
+    fn cycles_must_come_on_time() {
+        assert!(fed(4, 0) >= 95, "each cycle");
+        assert!(fed(8, 0) >= 95, "a slow control, every other cycle");
+        assert_eq!(fed(16, 0), 0, "a quarter of the cycles");
+        assert_eq!(fed(1000, 0), 0, "one a second");
+        let with_gap = fed(4, 2000);
+        assert!((72..=80).contains(&with_gap), "{with_gap}: none for two seconds");
     }
 }

@@ -11,13 +11,6 @@ use volcomp_guard::{Reasons, Request};
 use volcomp_port::Description;
 use volcomp_runtime::{Model, Order, Replacement};
 
-use super::{
-    Service,
-    step::{
-        FILES_TIMEOUT, FileReading, ModelOrigin, PlanResult, Progress, ReloadRecord, Step,
-        control_unavailable, describe, disk_timeout, finish, log_unavailable, settled,
-    },
-};
 use crate::{
     audit::utc_now,
     config::Config,
@@ -30,6 +23,10 @@ use crate::{
     options::Options,
     plan::Plan,
     request::{CentreOperation, ModelActivation, Operation, Reply, ServiceRequest, refused},
+    service::{
+        FILES_TIMEOUT, FileReading, ModelOrigin, PlanResult, Progress, ReloadRecord, Service, Step,
+        control_unavailable, describe, disk_timeout, finish, log_unavailable, settled,
+    },
     simulate,
 };
 

@@ -13,8 +13,8 @@ use volcomp_runtime::Report;
 use super::Service;
 use crate::{
     audit::{
-        log_files, slots, standing_file,
-        writer::{RETRY_INTERVAL, Receipt},
+        log_files, standing_file,
+        writer::{self, RETRY_INTERVAL, Receipt},
     },
     documents::Standing,
 };
@@ -33,7 +33,7 @@ pub(crate) fn read(dir: &Path) -> Standing {
     let standing = match std::fs::read(&path)
         .map(|bytes| String::from_utf8_lossy(&bytes).into_owned())
     {
-        Ok(text) => match slots::latest(&text) {
+        Ok(text) => match writer::latest(&text) {
             Some((_, text)) => serde_json::from_str(text).unwrap_or_else(|e| unread(e.to_string())),
             None => unread("no whole record".to_owned()),
         },

@@ -13,10 +13,9 @@ use volcomp_test_support::peers;
 use volcomp_vocabulary::AxisName;
 
 use crate::{
-    controlled::control,
-    manual::{Served, served_configuration},
+    interop::{closed_address, two_ways},
+    manual::{Served, control, served_configuration},
     models::{ENGINEER, engineers, examples, model},
-    paths::{closed_address, two_ways},
     program::{OPERATE, Program, change, path, token_file},
 };
 

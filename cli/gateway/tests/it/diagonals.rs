@@ -10,8 +10,8 @@ use serde_json::Value;
 use volcomp_test_support::Running;
 
 use crate::{
+    first_hour::simulator,
     program::{Program, path},
-    shipped::simulator,
 };
 
 /// A machine of 400 × 300 × 200 mm with scale errors of 150 to 250 µm/m and a squareness error of 80 µrad.

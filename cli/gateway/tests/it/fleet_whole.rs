@@ -1,16 +1,26 @@
-//! The whole fleet: the centre's own program and command line, a real server, and gateways on simulated machines.
+//! The whole fleet: the centre's own program, command line and page, a real `nats-server` on the configuration that
+//! `nats-config` prints, and gateways on simulated machines.
 
-use std::time::Duration;
+use std::{
+    io::Write,
+    net::{SocketAddr, TcpStream},
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+    time::{Duration, Instant},
+};
 
-use serde_json::Value;
+use clap::Parser;
+use serde_json::{Value, json};
+use volcomp_centre::command::Arguments;
+use volcomp_fleet::server::program;
+use volcomp_test_support::{Running, until};
 use volcomp_vocabulary::PerChannel;
 
 use crate::{
-    fleet_bench::{compensating, corrects_y, goes_on, wait},
-    fleet_whole_bench::{LONG, Place, Whole, machine_text},
-    hung_disk::preloaded,
-    manual::{no_step, says},
-    program::{Client, MACHINE},
+    audit::preloaded,
+    fleet_bench::{Member, compensating, corrects_y, goes_on, wait},
+    manual::{no_step, says, served_configuration},
+    program::{Answer, Client, MACHINE, answer, exchange},
 };
 
 /// The command line of the centre rolls a model out, which reaches the axes on a ramp. A large change waits for
@@ -217,8 +227,8 @@ fn a_hanging_disk_of_the_centre_delays_no_machine() {
         return;
     };
     let hangs = at.path().join("hangs");
-    let mut place = Place::default();
-    place.environment = vec![("LD_PRELOAD", library), ("HANGS", hangs.clone())];
+    let environment = vec![("LD_PRELOAD", library), ("HANGS", hangs.clone())];
+    let place = Place { environment, ..Place::default() };
     let Some(whole) = Whole::start_at(place, &[("mill-1", "4711", MACHINE)]) else {
         return;
     };
@@ -308,4 +318,373 @@ fn a_killed_centre_resumes_its_roll_out() {
         let audit = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("a log");
         assert_eq!(audit.matches("\"what\":\"reload\"").count(), 1, "{audit}");
     }
+}
+
+/// Timeout of all waits; long enough for a slow computer.
+pub(crate) const LONG: Duration = Duration::from_secs(90);
+/// Environment variable with the centre's arguments; if set, this test program acts as the centre.
+const CALL: &str = "VOLCOMP_TEST_CENTRE_CALL";
+/// Line before the output of the centre.
+const MARK: &str = "-- the centre --";
+const PASSWORD: &str = "an unknown horse";
+
+/// Acts as `volcomp-centre`. Cargo builds only the programs of this package, so the test program takes the place of
+/// that program.
+#[test]
+#[ignore = "the other tests start this one as the program of the centre"]
+fn the_centre() {
+    let Ok(call) = std::env::var(CALL) else {
+        return;
+    };
+    println!("\n{MARK}");
+    let arguments = ["volcomp-centre"].into_iter().chain(call.lines());
+    let status = match Arguments::parse_from(arguments).act() {
+        Ok(()) => 0,
+        Err(error) => {
+            eprintln!("error: {error}");
+            error.status()
+        }
+    };
+    std::process::exit(i32::from(status));
+}
+
+/// Where the centre, its server and its page run: on this computer, or in another network namespace.
+#[derive(Clone, Default)]
+pub(crate) struct Place {
+    /// Command prefix for starting programs; may be empty.
+    through: Vec<String>,
+    /// Addresses of server and page; `None`: free addresses of this computer.
+    addresses: Option<[String; 2]>,
+    /// Lines appended to the server's configuration.
+    server: &'static str,
+    /// Environment variables of the running centre.
+    pub(crate) environment: Vec<(&'static str, PathBuf)>,
+}
+
+impl Place {
+    /// A place in another network namespace, entered by this command.
+    pub(crate) fn elsewhere(
+        through: &[&str],
+        [server, page]: [&str; 2],
+        configured: &'static str,
+    ) -> Self {
+        Self {
+            through: through.iter().map(|&word| word.to_owned()).collect(),
+            addresses: Some([server.to_owned(), page.to_owned()]),
+            server: configured,
+            ..Self::default()
+        }
+    }
+
+    fn command(&self, program: &Path) -> Command {
+        let Some((first, more)) = self.through.split_first() else {
+            return Command::new(program);
+        };
+        let mut command = Command::new(first);
+        command.args(more).arg(program);
+        command
+    }
+
+    /// Sends bytes to an address at this place. Returns all bytes received until the peer closes the connection.
+    fn exchange(&self, address: SocketAddr, bytes: &[u8]) -> String {
+        if self.through.is_empty() {
+            return exchange(address, bytes);
+        }
+        // A shell connects from inside the namespace, because this program cannot.
+        let (ip, port) = (address.ip(), address.port());
+        let script = format!("exec 3<>/dev/tcp/{ip}/{port} && cat >&3 && cat <&3");
+        let mut child = (self.command(Path::new("bash")).args(["-c", &script]))
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("a shell");
+        let mut stdin = child.stdin.take().expect("piped");
+        // The peer may close during the write.
+        let _ = stdin.write_all(bytes);
+        drop(stdin);
+        let output = child.wait_with_output().expect("it ends");
+        String::from_utf8_lossy(&output.stdout).into_owned()
+    }
+
+    fn listens(&self, address: SocketAddr) -> bool {
+        let script = format!("exec 3<>/dev/tcp/{}/{}", address.ip(), address.port());
+        if self.through.is_empty() {
+            return TcpStream::connect(address).is_ok();
+        }
+        let tried =
+            (self.command(Path::new("bash")).args(["-c", &script])).stderr(Stdio::null()).status();
+        tried.is_ok_and(|status| status.success())
+    }
+}
+
+fn centre(place: &Place, folder: &Path, arguments: &[&str]) -> Command {
+    let mut command = place.command(&std::env::current_exe().expect("this program"));
+    command
+        .current_dir(folder)
+        .args(["--exact", "fleet_whole::the_centre"])
+        .args(["--ignored", "--nocapture", "--test-threads=1"])
+        .env(CALL, arguments.join("\n"));
+    command
+}
+
+pub(crate) struct Called {
+    pub(crate) status: Option<i32>,
+    pub(crate) out: String,
+    pub(crate) err: String,
+}
+
+/// A registered machine: name, serial number, machine file.
+pub(crate) type Registered<'a> = (&'a str, &'a str, &'a str);
+
+/// The folder of a centre, its server, and its program if running.
+pub(crate) struct Whole {
+    folder: tempfile::TempDir,
+    place: Place,
+    url: String,
+    page: SocketAddr,
+    /// Public part of the signing key, base64.
+    key: String,
+    _server: Running,
+    centre: Option<Running>,
+}
+
+impl Whole {
+    /// A running server and centre with these machines. `None` if no server is installed, which is a failure under CI.
+    pub(crate) fn start(machines: &[Registered<'_>]) -> Option<Self> {
+        Self::start_at(Place::default(), machines)
+    }
+
+    /// Like [`start`](Self::start), at another place.
+    pub(crate) fn start_at(place: Place, machines: &[Registered<'_>]) -> Option<Self> {
+        let Some(server) = program() else {
+            volcomp_test_support::peers::not_run("nats-server");
+            return None;
+        };
+        let folder = tempfile::tempdir().expect("writable");
+        let at = folder.path();
+        let free = || [(); 2].map(|()| volcomp_test_support::free_address());
+        let [listen, page] = place.addresses.clone().unwrap_or_else(free);
+        let url = format!("nats://{listen}");
+        // The permitted residual is raised: on a busy computer a late cycle leaves a residual that must not stop a
+        // roll-out here.
+        let text = format!(
+            "[nats]\nurl = \"{url}\"\n[server]\nlisten = \"{listen}\"\n[page]\nlisten = \"{page}\"\n[rollout]\nsoak_s = 2\nresidual_um = 1000\n"
+        );
+        std::fs::write(at.join("centre.toml"), text).expect("writable");
+        let done = |arguments: &str| call(&place, at, arguments, "").done();
+        let key = done("key new main");
+        let key = key.trim().strip_prefix("main ").expect("its name").to_owned();
+        done("key nkey centre.nkey");
+        for (name, serial, model) in machines {
+            std::fs::write(at.join("machine.toml"), model).expect("writable");
+            done(&format!(
+                "machine add {name} --site berlin --serial {serial} --like machine.toml --new-nkey {name}.nkey --condition-s 1 --telemetry-s 1"
+            ));
+        }
+        let conf = at.join("nats.conf");
+        std::fs::write(&conf, done("nats-config") + place.server).expect("writable");
+        let log = std::fs::File::create(at.join("nats.log")).expect("writable");
+        let server = Running::start(
+            (place.command(&server)).arg("-c").arg(&conf).stdout(Stdio::null()).stderr(log),
+        );
+        let address: SocketAddr = listen.parse().expect("an address");
+        until("the server listens", LONG, || place.listens(address));
+        call(&place, at, "user add anna --role admin", PASSWORD).done();
+        let mut whole = Self {
+            place,
+            url,
+            page: page.parse().expect("an address"),
+            key,
+            _server: server,
+            centre: None,
+            folder,
+        };
+        whole.run();
+        Some(whole)
+    }
+
+    pub(crate) fn run(&mut self) {
+        let log = std::fs::File::options()
+            .create(true)
+            .append(true)
+            .open(self.folder.path().join("centre.log"))
+            .expect("writable");
+        let mut command = centre(&self.place, self.folder.path(), &["run"]);
+        command.envs(self.place.environment.iter().map(|(key, value)| (key, value)));
+        self.centre = Some(Running::start(command.stdout(Stdio::null()).stderr(log)));
+        until("its page answers", LONG, || self.place.listens(self.page));
+    }
+
+    /// Kills the centre's program, as in a power failure.
+    pub(crate) fn kill(&mut self) {
+        self.centre = None;
+    }
+
+    pub(crate) fn log(&self) -> String {
+        std::fs::read_to_string(self.folder.path().join("centre.log")).unwrap_or_default()
+    }
+
+    pub(crate) fn call(&self, arguments: &str) -> Called {
+        call(&self.place, self.folder.path(), arguments, "")
+    }
+
+    pub(crate) fn done(&self, arguments: &str) -> String {
+        self.call(arguments).done()
+    }
+
+    pub(crate) fn document(&self, arguments: &str) -> Value {
+        let text = self.done(arguments);
+        serde_json::from_str(&text).unwrap_or_else(|e| panic!("{arguments}: {e}: {text}"))
+    }
+
+    /// Waits until the document printed by this call satisfies the condition.
+    pub(crate) fn wait(&self, what: &str, arguments: &str, is: impl Fn(&Value) -> bool) -> Value {
+        let end = Instant::now() + LONG;
+        loop {
+            let document = self.document(arguments);
+            if is(&document) {
+                return document;
+            }
+            let log = || self.log();
+            assert!(Instant::now() < end, "{what}: {document:#}\n{}", log());
+            std::thread::sleep(Duration::from_millis(100));
+        }
+    }
+
+    /// Adds a model, and starts its roll-out. Returns the number of the roll-out.
+    pub(crate) fn roll_out(&self, model: &str, machines: &[&str]) -> u64 {
+        let short = self.add_model(model);
+        let mut call = format!("rollout start --model {short}");
+        for machine in machines {
+            call.push_str(" --machine ");
+            call.push_str(machine);
+        }
+        let said = self.done(&call);
+        let number = said.split(' ').nth(1).and_then(|number| number.parse().ok());
+        number.unwrap_or_else(|| panic!("it says {said}"))
+    }
+
+    /// Adds a model. Returns the first digits of its checksum.
+    pub(crate) fn add_model(&self, model: &str) -> String {
+        std::fs::write(self.folder.path().join("model.toml"), model).expect("writable");
+        let said = self.done("model add model.toml");
+        let last = said.lines().last().expect("a line");
+        last.split(' ').next().expect("a checksum")[..12].to_owned()
+    }
+
+    pub(crate) fn is_in(&self, rollout: u64, phase: &str) -> Value {
+        let ask = format!("rollout status {rollout} --json");
+        let found = self.wait(&format!("roll-out {rollout}: {phase}"), &ask, |document| {
+            document[0]["phase"]["is"] == phase
+        });
+        found[0].clone()
+    }
+
+    pub(crate) fn machine(&self, name: &str) -> Value {
+        of(&self.document("machine list --json"), name)
+    }
+
+    /// Waits until the entry in `machine list` satisfies the condition.
+    pub(crate) fn machine_is(&self, what: &str, name: &str, is: impl Fn(&Value) -> bool) -> Value {
+        let all = self.wait(what, "machine list --json", |all| is(&of(all, name)));
+        of(&all, name)
+    }
+
+    /// The configuration of the gateway of a machine, in a separate folder.
+    pub(crate) fn member(&self, dir: &Path, of: (&str, &str)) -> PathBuf {
+        let config = served_configuration(dir, "auto_arm = true");
+        let seed = self.folder.path().join(format!("{}.nkey", of.0));
+        let seed = std::fs::read_to_string(seed).expect("machine add has written it");
+        let member = Member {
+            url: &self.url,
+            machine: of.0,
+            serial: of.1,
+            seed: seed.trim(),
+            key: &self.key,
+        };
+        member.join(dir, &config);
+        config
+    }
+
+    fn ask(&self, method: &str, path: &str, more: &str, body: &str) -> Answer {
+        let text = self.place.exchange(
+            self.page,
+            format!(
+                "{method} {path} HTTP/1.1\r\nHost: {}\r\n{more}Content-Length: {}\r\nConnection: close\r\n\r\n{body}",
+                self.page,
+                body.len()
+            )
+            .as_bytes(),
+        );
+        answer(&text)
+    }
+
+    pub(crate) fn log_in(&self) -> String {
+        let body = json!({ "name": "anna", "password": PASSWORD }).to_string();
+        let answer = self.ask("POST", "/api/login", "X-Volcomp: 1\r\n", &body);
+        assert_eq!(answer.status, 200, "{}", answer.body);
+        // `Answer` has header names in lower case, and the cookie too, so take the cookie from the raw response.
+        let text = self.place.exchange(
+            self.page,
+            format!(
+                "POST /api/login HTTP/1.1\r\nHost: {}\r\nX-Volcomp: 1\r\nContent-Length: {}\r\nConnection: close\r\n\r\n{body}",
+                self.page,
+                body.len()
+            )
+            .as_bytes(),
+        );
+        let mut lines = text.lines();
+        let cookie = lines.find_map(|line| line.strip_prefix("set-cookie: "));
+        let cookie = cookie.and_then(|line| line.split(';').next());
+        cookie.unwrap_or_else(|| panic!("no cookie: {text}")).to_owned()
+    }
+
+    pub(crate) fn page(&self, cookie: &str, path: &str) -> Value {
+        let answer = self.ask("GET", path, &format!("Cookie: {cookie}\r\n"), "");
+        assert_eq!(answer.status, 200, "{path}: {}", answer.body);
+        answer.json()
+    }
+}
+
+fn of(all: &Value, name: &str) -> Value {
+    let mut all = all.as_array().expect("a list").iter();
+    let found = all.find(|one| one["machine"] == name);
+    found.cloned().unwrap_or_else(|| panic!("no {name}"))
+}
+
+fn call(place: &Place, folder: &Path, arguments: &str, input: &str) -> Called {
+    let arguments: Vec<&str> =
+        ["--by", "anna"].into_iter().chain(arguments.split_whitespace()).collect();
+    let mut child = centre(place, folder, &arguments)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("this program");
+    let mut stdin = child.stdin.take().expect("piped");
+    // A program that does not read its input may already have ended.
+    let _ = writeln!(stdin, "{input}");
+    drop(stdin);
+    let output = child.wait_with_output().expect("it ends");
+    let out = String::from_utf8_lossy(&output.stdout).into_owned();
+    let (_, out) = out.split_once(&format!("{MARK}\n")).unwrap_or(("", ""));
+    Called {
+        status: output.status.code(),
+        out: out.to_owned(),
+        err: String::from_utf8_lossy(&output.stderr).into_owned(),
+    }
+}
+
+impl Called {
+    fn done(self) -> String {
+        assert_eq!(self.status, Some(0), "{}{}", self.out, self.err);
+        self.out
+    }
+}
+
+/// The machine file of the gateways with a straightness EYX of `eyx_um`, µm.
+pub(crate) fn machine_text(name: &str, eyx_um: f64) -> String {
+    MACHINE
+        .replace("EYX = 20.0", &format!("EYX = {eyx_um:.1}"))
+        .replace("name = \"small\"", &format!("name = \"{name}\""))
 }

@@ -18,6 +18,7 @@ use tokio::{
     runtime::Runtime,
     sync::oneshot::{self, error::TryRecvError},
 };
+use volcomp_focas::simulator::{self, Simulator, World};
 use volcomp_gateway::{
     audit::AuditLog,
     http,
@@ -444,4 +445,25 @@ impl Served {
 
 fn lock<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
     shared.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+pub(crate) fn control() -> Simulator {
+    let mut world = World::new(&['X', 'Y', 'Z']);
+    world.motion = Arc::new(|elapsed| {
+        let x = 400.0 + 300.0 * (elapsed.as_secs_f64() * 0.5).sin();
+        vec![x, 150.0, 50.0]
+    });
+    Simulator::start("127.0.0.1:0", simulator::Options::default(), world).expect("loopback")
+}
+
+/// A controlled_configuration with machine file and tokens for this control, without a test shift and with a short ramp, so that
+/// the gateway arms quickly.
+pub(crate) fn controlled_configuration(
+    dir: &Path,
+    control: &Simulator,
+    more: &str,
+) -> std::path::PathBuf {
+    token_file(dir);
+    let address = control.address().to_string();
+    configuration_of(&address, dir, more, "[dashboard]\ntoken_file = \"tokens\"\n")
 }

@@ -14,8 +14,8 @@ use volcomp_gateway::{config::Config, interop::quantities::quantities, plan::Pla
 use volcomp_test_support::{Running, free_port, peers, until};
 
 use crate::{
+    check::check,
     manual::{Gateway, Served, served_configuration},
-    online::check,
     program::append,
 };
 

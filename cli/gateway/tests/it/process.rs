@@ -11,17 +11,15 @@ use std::{
 use volcomp_focas::simulator::{Options, Simulator, World};
 use volcomp_gateway::{
     error::Failure,
-    machine::{Machine, ServiceStep},
+    machine::{Machine, Phase, ServiceStep, Slot},
     options::Options as GatewayOptions,
     request::Operation,
     service::Service,
-    slot::{Phase, Slot},
 };
 use volcomp_vocabulary::PerChannel;
 
 use crate::{
-    controlled::{configuration, control},
-    manual::{self, Gateway, no_step},
+    manual::{self, Gateway, configuration, control, controlled_configuration, no_step},
     program::{PATIENCE, Program, change, path},
 };
 
@@ -30,7 +28,7 @@ use crate::{
 #[test]
 fn killed_in_the_middle_and_started_again_there_is_no_step() {
     let dir = tempfile::tempdir().expect("writable");
-    let config = manual::configuration(dir.path(), "auto_arm = true");
+    let config = configuration(dir.path(), "auto_arm = true");
     change(&config, "ramp_s = 0.1", "ramp_s = 0.5");
     let mut gateway = Gateway::start(&config);
     for (state, ms) in
@@ -95,7 +93,7 @@ fn a_port_that_is_taken_ends_it_with_status_1() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").expect("loopback");
     let address = taken.local_addr().expect("bound").to_string();
     let dir = tempfile::tempdir().expect("writable");
-    let config = manual::configuration(dir.path(), "auto_arm = true");
+    let config = configuration(dir.path(), "auto_arm = true");
     let why = does_not_start(config, &address);
     assert!(why.contains(&format!("dashboard {address}")) && why.contains("--listen"), "{why}");
 }
@@ -109,7 +107,7 @@ fn two_gateways_on_one_controller() {
     let world = World::new(&['X', 'Y', 'Z']);
     let control = Simulator::start("0.0.0.0:0", Options::default(), world).expect("loopback");
     let at = |folder: &std::path::Path, host: &str, more: &str| {
-        let config = configuration(folder, &control, more);
+        let config = controlled_configuration(folder, &control, more);
         change(&config, "focas://0.0.0.0", &format!("focas://{host}"));
         config
     };
@@ -166,7 +164,7 @@ fn signals_reload_ramp_out_and_leave_at_once() {
     world.motion = Arc::new(|_| vec![400.0, 150.0, 50.0]);
     let options = Options { latency: Duration::from_millis(7), ..Options::default() };
     let control = Simulator::start("127.0.0.1:0", options, world).expect("loopback");
-    let config = configuration(dir.path(), &control, "auto_arm = true");
+    let config = controlled_configuration(dir.path(), &control, "auto_arm = true");
     let mut program = Program::start(dir.path(), &["--config", path(&config)]);
     let corrects = |program: &Program, um: f64| {
         let is_it = |state: &serde_json::Value| state["correction_um"]["Y"] == um;
@@ -239,7 +237,7 @@ pub(crate) fn failed_at(
 fn a_machine_without_its_control_thread_has_failed() {
     let dir = tempfile::tempdir().expect("writable");
     let control = control();
-    let config = configuration(dir.path(), &control, "");
+    let config = controlled_configuration(dir.path(), &control, "");
     let mut turns = 0;
     let mut turn = |service: &mut Service| {
         service.poll();
@@ -261,7 +259,7 @@ fn a_machine_without_its_control_thread_has_failed() {
 fn a_fault_of_the_program_ramps_the_correction_out() {
     let dir = tempfile::tempdir().expect("writable");
     let control = control();
-    let config = configuration(dir.path(), &control, "auto_arm = true");
+    let config = controlled_configuration(dir.path(), &control, "auto_arm = true");
     let slot = Arc::default();
     let mut largest = 0.0_f64;
     let mut turn = |service: &mut Service| {

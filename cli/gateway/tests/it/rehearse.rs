@@ -19,7 +19,7 @@ use volcomp_gateway::{
 
 use volcomp_test_support::Running;
 
-use crate::{documents::validate, program::PATIENCE};
+use crate::{interop::validate, program::PATIENCE};
 
 fn examples() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples")

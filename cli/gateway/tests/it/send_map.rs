@@ -16,7 +16,7 @@ use volcomp_tables::{
 use volcomp_test_support::{Running, peers, root, rows, until};
 
 use crate::{
-    hung_disk::preloaded,
+    audit::preloaded,
     program::{change, path},
 };
 

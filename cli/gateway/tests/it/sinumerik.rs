@@ -13,7 +13,7 @@ use serde_json::Value;
 use volcomp_test_support::{Running, peers, root};
 
 use crate::{
-    online::check,
+    check::check,
     program::{Program, change, path, token_file},
 };
 
@@ -206,7 +206,7 @@ fn thirty_micrometres_of_drift_are_removed_and_geometry_is_left_alone() {
     }
     assert!(!text.contains("opc-ua-secret"), "{text}");
     let (json, ..) = check(&config, &["--online", "--json"]);
-    crate::documents::validate("gateway-check.json", &serde_json::from_str(&json).expect("JSON"));
+    crate::interop::validate("gateway-check.json", &serde_json::from_str(&json).expect("JSON"));
 
     let program = armed(dir.path(), &config);
     // At the reference temperature there is no correction, although the machine file has geometric errors.

@@ -1,9 +1,11 @@
 //! Other programs on the control's computer. Without the key they move no axis and lock out no gateway. A program with
 //! the key counts as another gateway.
+//!
+//! `check` names what is missing in the INI file of the control, and the missing key.
 
 use std::{
     net::UdpSocket,
-    os::unix::fs::PermissionsExt,
+    os::unix::fs::PermissionsExt as _,
     path::Path,
     sync::{
         Arc,
@@ -20,13 +22,18 @@ use volcomp_guard::{
 };
 use volcomp_linuxcnc::{COMMAND_BYTES, Command, Content, Key, STATE_BYTES, State};
 use volcomp_port::Words;
+use volcomp_test_support::{root, rows};
 use volcomp_vocabulary::{AxisName, PerChannel};
 
-use super::{
-    MOST, PORT, alone::alone, corrected_at, gateway, no_jump, part, peer::LinuxCnc, residuals,
-    wait_corrected, wait_zero,
+use crate::{
+    check::check,
+    linuxcnc::{
+        MOST, PORT, corrected_at, gateway, no_jump, part,
+        peer::{LinuxCnc, alone},
+        residuals, wait_corrected, wait_zero,
+    },
+    manual::machine,
 };
-use crate::online::check;
 
 alone!(key: without_the_key_nothing_moves_and_no_gateway_is_locked_out, a_program_with_the_key_is_another_gateway);
 
@@ -182,7 +189,7 @@ fn without_the_key_nothing_moves_and_no_gateway_is_locked_out() {
     assert_eq!(control.pin("volcomp.owner"), 0.0);
     assert_eq!(control.pin("volcomp.taken"), 0.0);
 
-    let config = super::configuration(dir.path(), PORT);
+    let config = crate::linuxcnc::configuration(dir.path(), PORT);
     let (text, errors, status) = check(&config, &["--online"]);
     assert_eq!(status, 0, "{errors}");
     assert!(text.contains("# protocol = 2\n"), "{text}");
@@ -219,4 +226,78 @@ fn a_program_with_the_key_is_another_gateway() {
     no_jump(&cycles, MOST);
     let state = program.state();
     assert_eq!(state["state"], "faulted", "an operator must acknowledge it: {state}");
+}
+
+/// Runs `check` on the shipped example with a change in its INI file. Returns the status and the errors.
+fn check_with(from: &str, to: &str) -> (u8, String) {
+    let dir = tempfile::tempdir().expect("writable");
+    for file in ["gateway.toml", "machine.toml", "mill.ini"] {
+        let text = std::fs::read_to_string(root().join("examples/linuxcnc").join(file));
+        let mut text = text.expect("shipped");
+        if file == "mill.ini" {
+            assert!(text.contains(from), "{from}");
+            text = text.replace(from, to);
+        }
+        std::fs::write(dir.path().join(file), text).expect("writable");
+    }
+    crate::linuxcnc::key_file(dir.path());
+    let (_, said, status) = check(&dir.path().join("gateway.toml"), &[]);
+    (status, said)
+}
+
+#[test]
+fn check_names_what_is_missing_in_the_file() {
+    let (status, said) = check_with("[JOINT_0]", "[JOINT_0]");
+    assert_eq!(status, 0, "{said}");
+    for [from, to, says] in rows(
+        r"
+[JOINT_0]\n | [JOINT_0]\nBACKLASH = 0.01\n | [JOINT_0]BACKLASH
+[JOINT_2]\n | [JOINT_2]\nCOMP_FILE = z.comp\n | [JOINT_2]COMP_FILE
+volcomp.tcl | nothing.tcl | [HAL]HALFILE
+[AXIS_Z]\nOFFSET_AV_RATIO = 0.02 | [AXIS_Z] | [AXIS_Z]OFFSET_AV_RATIO is missing
+LIMIT_UM = 30 | LIMIT_UM = 5 | [VOLCOMP]LIMIT_UM: found 5, expected 30 or more
+RATE_UM_PER_S = 2000 | RATE_UM_PER_S = 10 | [VOLCOMP]RATE_UM_PER_S: found 10, expected 1000 or more
+RATE_UM_PER_S = 2000 | RATE_UM_PER_S = 2000\nTIME_OUT_MS = 1100 | [VOLCOMP]TIME_OUT_MS: found 1100, expected 1000 or less
+[JOINT_1]\n | [JOINT_1]\n#INCLUDE comp.inc\n | #INCLUDE comp.inc
+LIMIT_UM = 30 | LIMIT_UM = 30\nKEY_FILE = other.key | [VOLCOMP]KEY_FILE:
+",
+    ) {
+        let (status, said) = check_with(from, to);
+        assert_eq!(status, 2, "{said}");
+        assert!(said.contains(says) && said.contains("mill.ini"), "{said}");
+    }
+}
+
+/// A gateway without a key file does not start. `check` names the error in a key file.
+#[test]
+fn a_gateway_without_a_key_is_refused() {
+    let dir = tempfile::tempdir().expect("writable");
+    let config = crate::linuxcnc::configuration(dir.path(), crate::linuxcnc::PORT);
+    let file = dir.path().join("volcomp.key");
+    let text = std::fs::read_to_string(&config).expect("written");
+    for (key, mode, table, says) in [
+        (Some("00"), 0o600, true, "expected 32 hexadecimal digits"),
+        (Some("000102030405060708090a0b0c0d0e0f"), 0o644, true, "found mode 644, expected 600"),
+        (None, 0o600, true, "volcomp.key: No such file"),
+        (None, 0o600, false, "found no linuxcnc.key_file"),
+    ] {
+        match key {
+            Some(key) => {
+                std::fs::write(&file, key).expect("writable");
+                let mode = std::fs::Permissions::from_mode(mode);
+                std::fs::set_permissions(&file, mode).expect("ours");
+            }
+            None => _ = std::fs::remove_file(&file),
+        }
+        let line = "linuxcnc = { key_file = \"volcomp.key\" }\n";
+        assert!(text.contains(line), "{text}");
+        let with = if table { text.clone() } else { text.replace(line, "") };
+        std::fs::write(&config, with).expect("writable");
+        let check = check(&config, &[]);
+        let daemon = machine(&config).plan().err().expect(says);
+        assert_eq!((check.2, daemon.status()), (2, 2), "{says}");
+        for said in [check.1, daemon.to_string()] {
+            assert!(said.contains(says), "{says}: {said}");
+        }
+    }
 }

@@ -1,16 +1,10 @@
 //! The gateway on a real headless LinuxCNC. The motion of the motors is compared with the corrections of known errors.
 
-mod adrift;
-mod alone;
-mod creep;
-mod faults;
-mod ini;
 mod key;
 mod peer;
 mod tables;
 mod traps;
 mod trunnion;
-mod whole;
 
 use std::{
     os::unix::fs::PermissionsExt as _,

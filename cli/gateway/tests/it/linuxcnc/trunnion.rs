@@ -2,10 +2,14 @@
 
 use std::time::{Duration, Instant};
 
-use super::{
-    MOST, PORT, alone::alone, corrected_by, no_jump, peer::LinuxCnc, start, write_configuration,
+use crate::{
+    linuxcnc::{
+        MOST, PORT, corrected_by, no_jump,
+        peer::{LinuxCnc, alone},
+        start, write_configuration,
+    },
+    program::Program,
 };
-use crate::program::Program;
 
 alone!(trunnion: what_the_linear_axes_do_is_the_correction_for_the_table);
 
