@@ -11,7 +11,7 @@ use std::{
 use crate::{
     NcError,
     block::Scanner,
-    line_ends::{Ends, MAX_BYTES_IN_MEMORY, check_line, leader_of, split_lines},
+    line::{Ends, MAX_BYTES_IN_MEMORY, check_line, leader_of, split_lines},
 };
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -17,10 +17,8 @@ mod hole;
 mod inspect;
 mod interpreter;
 mod line;
-mod line_ends;
 mod modal;
 mod motion;
-mod motion_queue;
 mod moves;
 mod notes;
 mod number;
@@ -36,7 +34,6 @@ mod setup;
 pub mod shortest;
 mod siemens;
 mod straight;
-
 mod verify;
 
 pub use average::{Average, MeanOf, Reading, average};
@@ -44,7 +41,7 @@ pub use control::{Control, Dialect};
 pub use correction::Corrector;
 pub use error::{BoundViolation, Fault, NcError};
 pub use inspect::{Alignment, Found, InspectError, Inspected, Measured, Part, PartFeature};
-pub use line_ends::LONGEST_LINE;
+pub use line::LONGEST_LINE;
 pub use notes::{Note, Notes};
 pub use number::Decimals;
 pub use program::{Job, Summary, compensate};

@@ -14,11 +14,11 @@ use crate::{
     correction::Corrector,
     error::Fault,
     flow::{Listing, OLine, load, o_line, program_line},
-    line_ends::{
+    line::{
         Ends, MAX_BYTES_IN_MEMORY, check_length, check_line, goes_on, is_trailer, leader_of,
         length_of, lines_of, split_lines,
     },
-    motion_queue::{MotionReceiver, motion_queue},
+    motion::{MotionReceiver, motion_queue},
     rewrite::{Rewriter, Strategy},
     run::run,
     setup::SetUp,

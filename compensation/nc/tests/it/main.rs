@@ -1,6 +1,5 @@
 //! Tests of this crate from outside.
 
-mod arcs;
 mod average;
 mod bounds;
 mod controls;
@@ -12,6 +11,7 @@ mod floyd;
 mod heidenhain;
 mod identity;
 mod inspect;
+mod motions;
 mod offsets;
 mod play;
 mod polar;
@@ -20,9 +20,6 @@ mod random_play;
 mod random_programs;
 mod rows;
 mod siemens;
-mod straight;
-mod subroutines;
 mod traps;
 mod unknown_places;
 mod verify;
-mod zeros;
