@@ -13,10 +13,8 @@ use toml::{
 };
 
 use crate::{
-    bound::LARGEST_NUMBER,
-    error::InputError,
-    lookup::expected_range,
-    toml_file::{Document, meant},
+    error::{InputError, LARGEST_NUMBER},
+    toml_file::{Document, expected_range, meant},
 };
 
 /// Maximum number of errors that are reported. Each of them requires another pass over the file.

@@ -1,4 +1,4 @@
-//! TOML file as tables and values that record their location.
+//! TOML file as tables and values that record their location: look-ups for all decoders, kinds of file, and messages about syntax errors.
 
 use core::{
     fmt::Display,
@@ -12,7 +12,7 @@ use toml::{
 };
 use toml_parser::lexer::TokenKind;
 
-use crate::{bound::bounded, error::InputError, nearest::near, syntax};
+use crate::error::{InputError, bounded, near};
 
 /// TOML text with the name of its file.
 #[derive(Clone, Debug)]
@@ -105,7 +105,7 @@ impl Document {
         }
         let root = DeTable::parse(&self.text).map_err(|e| {
             let span = e.span().unwrap_or(0..0);
-            let message = syntax::message(&self.text, &span, e.message());
+            let message = message(&self.text, &span, e.message());
             self.error(span, String::new(), message)
         })?;
         decode(Section {
@@ -369,4 +369,334 @@ impl<'a> Value<'a> {
     pub fn texts(&self) -> Result<Vec<&'a str>, InputError> {
         self.items()?.iter().map(Value::text).collect()
     }
+}
+
+/// Describes an expected range. An infinite end is no limit.
+pub(crate) fn expected_range(range: RangeInclusive<f64>) -> String {
+    let (low, high) = range.into_inner();
+    match (low.is_finite(), high.is_finite()) {
+        (true, false) => format!("a number of {low} or more"),
+        (false, true) => format!("a number of {high} or less"),
+        _ => format!("a number from {low} to {high}"),
+    }
+}
+
+impl<'a> Section<'a> {
+    /// Value that `decode` returns for a key; `None` if the key is missing.
+    ///
+    /// # Errors
+    /// The errors of `decode`.
+    pub fn optional<T, E>(
+        &self,
+        key: &str,
+        decode: impl FnOnce(&Value<'a>) -> Result<T, E>,
+    ) -> Result<Option<T>, E> {
+        self.get(key).map(|value| decode(&value)).transpose()
+    }
+
+    /// Number within `range`, or `default` if the key is missing. The default may be outside the range.
+    ///
+    /// # Errors
+    /// The value is not a number within the range.
+    pub fn number_or(
+        &self,
+        key: &str,
+        range: RangeInclusive<f64>,
+        default: f64,
+    ) -> Result<f64, InputError> {
+        Ok(self.optional(key, |value| value.number_in(range))?.unwrap_or(default))
+    }
+
+    /// Whole number within `range`, or `default` if the key is missing. The default may be outside the range.
+    ///
+    /// # Errors
+    /// The value is not a whole number within the range.
+    pub fn whole_or<N>(
+        &self,
+        key: &str,
+        range: RangeInclusive<N>,
+        default: N,
+    ) -> Result<N, InputError>
+    where
+        N: TryFrom<i128> + PartialOrd + Display,
+    {
+        Ok(self.optional(key, |value| value.whole(range))?.unwrap_or(default))
+    }
+
+    /// `true` or `false`, or `default` if the key is missing.
+    ///
+    /// # Errors
+    /// The value is neither `true` nor `false`.
+    pub fn truth_or(&self, key: &str, default: bool) -> Result<bool, InputError> {
+        Ok(self.optional(key, Value::truth)?.unwrap_or(default))
+    }
+
+    /// The key must be one of the words. Returns the value that belongs to that word, or `default` if the key is
+    /// missing.
+    ///
+    /// # Errors
+    /// The value of the key is not one of the words.
+    pub fn one_of<T: Clone>(
+        &self,
+        key: &str,
+        words: &[(&str, T)],
+        default: T,
+    ) -> Result<T, InputError> {
+        Ok(self.optional(key, |value| value.one_of(words))?.unwrap_or(default))
+    }
+
+    /// Decodes all tables of an array of tables (`[[key]]`) in order. Returns an empty list if the key is missing.
+    ///
+    /// # Errors
+    /// The value is not an array of tables, or an error of `decode`.
+    pub fn tables<T, E: From<InputError>>(
+        &self,
+        key: &str,
+        mut decode: impl FnMut(&Section<'a>) -> Result<T, E>,
+    ) -> Result<Vec<T>, E> {
+        let Some(value) = self.get(key) else {
+            return Ok(Vec::new());
+        };
+        let mut decoded = Vec::new();
+        for item in value.items()? {
+            decoded.push(decode(&item.section()?)?);
+        }
+        Ok(decoded)
+    }
+}
+
+impl Value<'_> {
+    /// Number within `range`, including both ends. An infinite end is no limit.
+    ///
+    /// # Errors
+    /// The value is not a number within the range. The message states the range.
+    pub fn number_in(&self, range: RangeInclusive<f64>) -> Result<f64, InputError> {
+        let found = self.number()?;
+        if range.contains(&found) {
+            return Ok(found);
+        }
+        let expected = expected_range(range);
+        Err(self.error(format!("found {found}, expected {expected}")))
+    }
+
+    /// Finite number above 0.
+    ///
+    /// # Errors
+    /// The value is not a finite number above 0.
+    pub fn positive(&self) -> Result<f64, InputError> {
+        let found = self.number()?;
+        if found > 0.0 {
+            return Ok(found);
+        }
+        Err(self.error(format!("found {found}, expected a number above 0")))
+    }
+
+    /// The text must be one of the words. Returns the value that belongs to that word.
+    ///
+    /// # Errors
+    /// The text is not one of the words. The message lists the words.
+    pub fn one_of<T: Clone>(&self, words: &[(&str, T)]) -> Result<T, InputError> {
+        let found = self.text()?;
+        if let Some((_, meaning)) = words.iter().find(|(word, _)| *word == found) {
+            return Ok(meaning.clone());
+        }
+        let known: Vec<&str> = words.iter().map(|(word, _)| *word).collect();
+        let known = known.join(", ");
+        Err(self.error(format!("found \"{found}\", expected one of: {known}")))
+    }
+}
+
+/// Kind of TOML file. Each kind has some keys that no other kind has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FileKind {
+    /// Geometry and errors of a machine.
+    Machine,
+    /// Measurement files of a machine, and the set-up of each measurement.
+    Calibration,
+    /// Volumetric observations, and the unknowns to estimate from them.
+    Observations,
+    /// Virtual shop, which is a machine and the instruments that measure it.
+    Shop,
+    /// Configuration of the gateway.
+    Gateway,
+    /// Registers of a Modbus module.
+    Profile,
+}
+
+impl FileKind {
+    const ALL: [Self; 6] = [
+        Self::Machine,
+        Self::Calibration,
+        Self::Observations,
+        Self::Shop,
+        Self::Gateway,
+        Self::Profile,
+    ];
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Machine => "a machine file",
+            Self::Calibration => "a calibration file",
+            Self::Observations => "a file of observations",
+            Self::Shop => "a shop file",
+            Self::Gateway => "a configuration of the gateway",
+            Self::Profile => "a profile of a Modbus module",
+        }
+    }
+
+    fn own_keys(self) -> &'static [&'static str] {
+        match self {
+            Self::Machine => &["structure", "type", "axes", "errors", "assembly", "thermal"],
+            Self::Calibration => &["reference", "reference_axes", "uncertainty"],
+            Self::Observations => &["unknown", "observation", "folds"],
+            Self::Shop => &["instrument", "seed", "format"],
+            Self::Gateway => &["controller", "thermometer", "guard", "cycle_ms", "audit"],
+            Self::Profile => &["channels", "digital", "baud"],
+        }
+    }
+}
+
+impl Section<'_> {
+    /// Rejects every root key except the expected keys. If the file has a key that is specific to another kind of file,
+    /// and no key that is specific to this kind, the error names the other kind instead of a key.
+    ///
+    /// # Errors
+    /// The file is of another kind, or has an unknown key. The error for the first unknown key is that of
+    /// [`Section::allow`].
+    pub fn allow_in(&self, kind: FileKind, expected: &[&str]) -> Result<(), InputError> {
+        let Err(unknown) = self.allow(expected) else {
+            return Ok(());
+        };
+        Err(self.other_kind(kind, expected).unwrap_or(unknown))
+    }
+
+    /// Error for a file of another kind, which has a key that is specific to that kind and no key that is specific to
+    /// `kind`. `None` for any other file.
+    pub fn other_kind(&self, kind: FileKind, expected: &[&str]) -> Option<InputError> {
+        let key_of = |kind: FileKind| kind.own_keys().iter().find(|key| self.get(key).is_some());
+        // A calibration file may also contain observations, so expected keys do not identify another kind.
+        let foreign = |kind: FileKind| {
+            let mut keys = kind.own_keys().iter();
+            keys.find(|key| !expected.contains(key) && self.get(key).is_some())
+        };
+        // Calibration and shop files may both contain measurements. So measurements identify a calibration file only if
+        // neither kind was expected.
+        let no_measurements = !matches!(kind, FileKind::Shop | FileKind::Calibration);
+        let measured = (no_measurements && self.get("measurement").is_some())
+            .then_some((FileKind::Calibration, &"measurement"));
+        let mut others = FileKind::ALL.into_iter().filter(|other| *other != kind);
+        let found = others.find_map(|other| foreign(other).map(|key| (other, key))).or(measured);
+        match found {
+            Some((other, key)) if key_of(kind).is_none() => {
+                let (found, expected) = (other.name(), kind.name());
+                Some(
+                    self.error(format!(
+                        "found {found} (it has the key `{key}`), expected {expected}"
+                    )),
+                )
+            }
+            _ => None,
+        }
+    }
+}
+
+/// Message about a syntax error. `parser` is the message of the parser, which is returned if there is no clearer one.
+pub(crate) fn message(text: &str, span: &Range<usize>, parser: &str) -> String {
+    let parser = parser.trim();
+    let at = text.get(..span.start).map_or(0, str::len);
+    let start = text[..at].rfind('\n').map_or(0, |end| end + 1);
+    let line = text[start..].lines().next().unwrap_or_default();
+    let mut before = text[..start].lines().map(str::trim);
+    let is_first = before.all(|line| line.is_empty() || line.starts_with('#'));
+    let code = line.split('#').next().unwrap_or_default().trim();
+    if is_first && !code.contains('=') && !code.starts_with('[') && !code.is_empty() {
+        return format!("found `{}`, expected TOML: `key = value` or `[table]`", shown(code));
+    }
+    if parser.starts_with("unexpected leading zero")
+        && let Some((whole, part)) = decimal_comma_at(text, at)
+    {
+        return format!(
+            "found `{whole},{part}`, expected a decimal point: {whole}.{part} (TOML has no decimal commas)"
+        );
+    }
+    let Some(value) = code.split_once('=').map(|(_, value)| value.trim()) else {
+        return parser.to_owned();
+    };
+    if parser.starts_with("duplicate key") {
+        let key = code.split('=').next().unwrap_or_default().trim();
+        return format!("the key `{}` appears twice, expected each key once", shown(key));
+    }
+    if let Some((key, whole, part)) = decimal_comma_inside(value) {
+        return format!(
+            "found `{key} = {whole},{part}`, expected a decimal point: {key} = {whole}.{part}"
+        );
+    }
+    // Only these messages of the parser are about a value.
+    let about_values = ["string values", "unexpected", "invalid", "extra"];
+    if !about_values.iter().any(|start| parser.starts_with(start)) {
+        return parser.to_owned();
+    }
+    if let Some((whole, part)) = decimal_comma(value) {
+        return format!("found `{value}`, expected a decimal point: {whole}.{part}");
+    }
+    if value.is_empty() {
+        return "found nothing behind `=`, expected a value".to_owned();
+    }
+    // The whole value is a single bare word, such as `oops`, `12µm` or `–3`.
+    let is_bare = !value.contains(['"', '\'', '[', ']', '{', '}', '=']);
+    if is_bare {
+        let expected = "expected a number (12.5), a text in quotes (\"X\"), true or false";
+        return format!("found `{}`, {expected}", shown(value));
+    }
+    parser.to_owned()
+}
+
+/// Digits before and after the comma, if the value is a single number with a decimal comma.
+fn decimal_comma(value: &str) -> Option<(&str, &str)> {
+    let (whole, part) = value.split_once(',')?;
+    let digits = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+    let size = whole.strip_prefix(['-', '+']).unwrap_or(whole);
+    (digits(size) && digits(part)).then_some((whole, part))
+}
+
+/// For a number with a decimal comma in an inline table: its key, and the digits before and after the comma. A comma in
+/// an inline table must be followed by a key.
+fn decimal_comma_inside(value: &str) -> Option<(&str, &str, &str)> {
+    let inside = value.strip_prefix('{')?;
+    let mut parts = inside.split(',').peekable();
+    while let Some(part) = parts.next() {
+        let behind = parts.peek()?.trim().trim_end_matches('}').trim();
+        let Some((key, whole)) = part.rsplit_once('=') else {
+            continue;
+        };
+        let (key, whole) = (key.trim(), whole.trim());
+        let size = whole.strip_prefix(['-', '+']).unwrap_or(whole);
+        let digits =
+            |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+        if digits(size) && digits(behind) {
+            return Some((key, whole, behind));
+        }
+    }
+    None
+}
+
+/// Digits before and after a comma just before this offset. In an array, a number with a decimal comma would be two
+/// values.
+fn decimal_comma_at(text: &str, at: usize) -> Option<(&str, &str)> {
+    let before = text.get(..at)?.strip_suffix(',')?;
+    let whole = before.rsplit(|c: char| !c.is_ascii_digit() && c != '-' && c != '+').next()?;
+    let behind = text.get(at..)?;
+    let end = behind.find(|c: char| !c.is_ascii_digit());
+    let part = &behind[..end.unwrap_or(behind.len())];
+    (!whole.is_empty() && !part.is_empty()).then_some((whole, part))
+}
+
+/// Excerpt of the file, truncated to 60 characters.
+fn shown(text: &str) -> String {
+    const LONGEST: usize = 60;
+    let mut cut: String = text.chars().take(LONGEST).collect();
+    if cut.len() < text.len() {
+        cut.push('…');
+    }
+    cut
 }
