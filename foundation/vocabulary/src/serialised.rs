@@ -1,4 +1,4 @@
-//! Serde format of the vocabulary types: axes, errors and directions as text, units as numbers.
+//! Serde format of the vocabulary types, and its JSON Schemas: axes, errors and directions as text, units as numbers.
 
 use core::{fmt, marker::PhantomData, str::FromStr};
 
@@ -176,3 +176,37 @@ macro_rules! as_sequence {
 }
 
 as_sequence!(PerAxis, PerChannel);
+
+#[cfg(feature = "schema")]
+mod schema {
+    extern crate std;
+
+    use std::borrow::Cow;
+
+    use schemars::{JsonSchema, Schema, SchemaGenerator};
+
+    use crate::{
+        AxisKind, AxisName, Component, Deg, Degc, Direction, ErrorName, Mm, Rad, Um, Urad,
+    };
+
+    macro_rules! as_schema_of {
+        ($plain:ty: $($name:ident),*) => {$(
+            impl JsonSchema for $name {
+                fn inline_schema() -> bool {
+                    true
+                }
+
+                fn schema_name() -> Cow<'static, str> {
+                    <$plain>::schema_name()
+                }
+
+                fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+                    <$plain>::json_schema(generator)
+                }
+            }
+        )*};
+    }
+
+    as_schema_of!(str: AxisKind, AxisName, Component, Direction, ErrorName);
+    as_schema_of!(f64: Mm, Um, Deg, Rad, Urad, Degc);
+}
