@@ -1,6 +1,11 @@
-use volcomp_document::{split_head, unit_named};
-use volcomp_kinematics::MotionFrame;
-use volcomp_vocabulary::{AxisName, brought_into, is_within};
+//! The axes and tools of a machine, and the rules for the errors that an axis may have.
+
+use volcomp_curve::{Curve, ErrorCurve, Field, Grid};
+use volcomp_document::{LARGEST_NUMBER, split_head, unit_named};
+use volcomp_kinematics::{Joint, MotionFrame, nalgebra::Vector3};
+use volcomp_vocabulary::{AxisName, ErrorName, brought_into, is_within};
+
+use crate::error::ErrorRefusal;
 
 /// One axis as defined in the machine file.
 #[derive(Clone, Debug, PartialEq)]
@@ -132,6 +137,154 @@ pub fn axis_of_head(head: &str) -> Option<AxisName> {
     let axis: AxisName = name.parse().ok()?;
     let is_own = unit_named(unit) == Some(axis.kind().coordinate_unit());
     (head == name || is_own).then_some(axis)
+}
+
+/// A tool of the machine file. Keys that are `None` come from `[tool]`, else from the default.
+#[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Tool {
+    /// Tip of the tool, mm in the machine coordinate system at machine zero.
+    pub tip_mm: Option<[f64; 3]>,
+    /// Gauge point of the spindle, mm in the machine coordinate system at machine zero; alternative to `tip_mm`.
+    pub gauge_mm: Option<[f64; 3]>,
+    /// Length from the gauge point to the tip, mm.
+    pub length_mm: Option<f64>,
+    /// Offset added to the tip, mm in the machine coordinate system.
+    pub offset_mm: Option<[f64; 3]>,
+    /// Direction from the tip to the spindle, in the machine coordinate system at machine zero; not necessarily a unit vector.
+    pub axis: Option<[f64; 3]>,
+}
+
+impl Tool {
+    /// This tool, with missing keys taken from `base`.
+    pub(crate) fn over(&self, base: &Self) -> Self {
+        // A tip replaces the gauge point and its keys, and vice versa.
+        let (keeps_tip, keeps_gauge) = (self.gauge_mm.is_none(), self.tip_mm.is_none());
+        Self {
+            tip_mm: self.tip_mm.or(base.tip_mm.filter(|_| keeps_tip)),
+            gauge_mm: self.gauge_mm.or(base.gauge_mm.filter(|_| keeps_gauge)),
+            length_mm: self.length_mm.or(base.length_mm.filter(|_| keeps_gauge)),
+            offset_mm: self.offset_mm.or(base.offset_mm.filter(|_| keeps_gauge)),
+            axis: self.axis.or(base.axis),
+        }
+    }
+
+    /// Tip and axis: tip = gauge − length·axis + offset.
+    pub(crate) fn tip_and_axis(&self) -> ([f64; 3], [f64; 3]) {
+        let axis = self.axis.unwrap_or([0.0, 0.0, 1.0]);
+        let Some(gauge) = self.gauge_mm else {
+            return (self.tip_mm.unwrap_or_default(), axis);
+        };
+        let unit = Vector3::from(axis).try_normalize(0.0).unwrap_or_default();
+        let tip = Vector3::from(gauge) - unit * self.length_mm.unwrap_or(0.0)
+            + Vector3::from(self.offset_mm.unwrap_or_default());
+        (tip.into(), axis)
+    }
+}
+
+/// Maximum difference between the ends of a closed curve, µm or µrad, which allows for rounding.
+const CLOSED_WITHIN: f64 = 1e-9;
+
+/// Maximum jump of a curve at the roll-over of its axis, µm or µrad: one increment of most controls. Curves fitted to
+/// readings do not close exactly, so a small jump is accepted.
+const LARGEST_JUMP: f64 = 1.0;
+/// Distance from an end of travel at which the values on its two sides are compared, deg.
+const END_OFFSET_DEG: f64 = 1e-6;
+
+/// Why a location error is rejected; `None` if it is valid.
+pub(crate) fn location_refusal(name: ErrorName, value: f64, joint: &Joint) -> Option<ErrorRefusal> {
+    if !name.location {
+        return Some(ErrorRefusal::ErrorMotion);
+    }
+    if !is_number(value) {
+        return Some(ErrorRefusal::NotFinite);
+    }
+    joint.no_effect(name.component).map(ErrorRefusal::NoEffect)
+}
+
+/// Why the curve of an error motion of the axis with index `own` is rejected on a machine with these axes; `None` if it is valid.
+pub(crate) fn curve_refusal(
+    name: ErrorName,
+    curve: &ErrorCurve,
+    own: usize,
+    axes: &[Axis],
+) -> Option<ErrorRefusal> {
+    if name.location {
+        return Some(ErrorRefusal::CurveOfLocation);
+    }
+    if !curve.is_finite() || !is_finite_within_travel(curve, own, axes) {
+        return Some(ErrorRefusal::NotFinite);
+    }
+    let goes_round = |axis: usize| axes.get(axis).is_some_and(|axis| axis.modulo.is_some());
+    curve.fields().find_map(|field| match field {
+        Field::Grid(grid) => {
+            let count = axes.len();
+            let missing = grid.axes().into_iter().find(|&axis| axis >= count);
+            let missing = missing.map(|axis| ErrorRefusal::GridAxis { axis, axes: count });
+            missing.or_else(|| open_grid(grid, goes_round))
+        }
+        Field::Curve(curve) => axes.get(own).and_then(|axis| {
+            let period = axis.modulo?;
+            open_ends(curve).or_else(|| jump(curve, axis.travel, period))
+        }),
+    })
+}
+
+/// Whether a number is finite and within the bound for machine files, so that results computed from it stay finite.
+pub(crate) fn is_number(value: f64) -> bool {
+    value.abs() <= LARGEST_NUMBER
+}
+
+/// Whether the values at both ends of the travel are finite. Polynomials are largest there; other kinds of curve stay near their
+/// coefficients.
+fn is_finite_within_travel(curve: &ErrorCurve, own: usize, axes: &[Axis]) -> bool {
+    let Some(axis) = axes.get(own) else {
+        return true;
+    };
+    curve.fields().all(|field| match field {
+        Field::Curve(curve) => axis.travel.iter().all(|end| is_number(curve.value(*end))),
+        Field::Grid(_) => true,
+    })
+}
+
+/// Refusal of a grid whose values differ at the two ends of an axis with `modulo`.
+fn open_grid(grid: &Grid, goes_round: impl Fn(usize) -> bool) -> Option<ErrorRefusal> {
+    let values = grid.values();
+    let [rows, columns] = grid.axes().map(goes_round);
+    let around_rows = values.first()?.iter().zip(values.last()?);
+    let around_columns = values.iter().filter_map(|row| row.first().zip(row.last()));
+    let ends = around_rows.filter(|_| rows).chain(around_columns.filter(|_| columns));
+    ends.map(|(&first, &last)| [first, last]).find_map(not_closed)
+}
+
+/// The refusal if the first and the last value of a curve (µm or µrad) differ by more than `CLOSED_WITHIN`.
+fn not_closed([first, last]: [f64; 2]) -> Option<ErrorRefusal> {
+    ((first - last).abs() > CLOSED_WITHIN).then_some(ErrorRefusal::NotClosed { first, last })
+}
+
+/// Refusal of a curve that jumps by more than `LARGEST_JUMP` at the roll-over of its axis. The correction of a rotary
+/// table positioned at the roll-over would switch back and forth with the last digit of its position.
+fn jump(curve: &Curve, travel: [f64; 2], period: f64) -> Option<ErrorRefusal> {
+    let [low, high] = travel;
+    let value = |at: f64| curve.value(brought_into(travel, period, at));
+    let ends = [[low - END_OFFSET_DEG, low], [high, high + END_OFFSET_DEG]];
+    let across = ends.map(|sides| sides.map(value));
+    let jumps = across.into_iter().find(|[one, other]| {
+        let jump = (one - other).abs();
+        // NaN is rejected as well.
+        jump.is_nan() || jump > LARGEST_JUMP
+    })?;
+    Some(ErrorRefusal::Jumps { first: jumps[0], last: jumps[1], largest: LARGEST_JUMP })
+}
+
+/// Refusal of a curve given by nodes whose first and last value differ, for an axis with `modulo`.
+fn open_ends(curve: &Curve) -> Option<ErrorRefusal> {
+    let nodes = match curve {
+        Curve::Table(table) => table.nodes(),
+        Curve::MovingLeastSquares(mls) => mls.nodes(),
+        _ => return None,
+    };
+    not_closed([nodes.first()?[1], nodes.last()?[1]])
 }
 
 #[cfg(test)]

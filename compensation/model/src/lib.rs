@@ -4,45 +4,32 @@ mod axis;
 mod compile;
 mod curve_file;
 mod diagonals;
-mod differences;
 mod error;
-mod error_rules;
-mod free_axis;
 mod inverse;
 mod machine;
 mod machine_file;
-mod map;
 mod provenance;
 mod range;
-mod rigid;
 mod thermal;
 mod thermal_state;
-mod tool;
 mod volumetric;
 
-pub use axis::Axis;
-pub use axis::axis_of_head;
+pub use axis::{Axis, Tool, axis_of_head};
 pub use compile::FINE_CURVES_NM;
 pub use curve_file::write_curve;
 pub use diagonals::{
-    BODY_DIAGONALS, DIAGONAL_TARGETS, Diagonal, corrected, diagonal_targets, diagonals, quantised,
-    residual,
+    BODY_DIAGONALS, DIAGONAL_TARGETS, Diagonal, MapGrid, corrected, diagonal_targets, diagonals,
+    quantised, residual,
 };
 pub use error::{CorrectRefusal, ErrorRefusal, ModelError, ThermalRefusal};
 pub use inverse::Reached;
-pub use machine::Machine;
-pub use machine::MachineErrors;
-pub use map::MapGrid;
+pub use machine::{Machine, MachineErrors};
 pub use provenance::{
     Origin, Provenance, ProvenanceRefusal, Source, hexadecimal, is_date, sha256_of,
 };
-pub use range::EachKelvin;
-pub use range::ErrorRange;
-pub use rigid::{Lengths, RigidMotion, RigidSums};
-pub use thermal::Seen;
-pub use thermal::{Drift, Expansion, Temperatures, Thermal};
+pub use range::{EachKelvin, ErrorRange};
+pub use thermal::{Drift, Expansion, Seen, Temperatures, Thermal};
 pub use thermal_state::{Fading, ThermalState};
-pub use tool::Tool;
 pub use volcomp_curve as curve;
 pub use volcomp_document as document;
 pub use volcomp_evaluator as evaluator;
@@ -51,5 +38,6 @@ pub use volcomp_kinematics as kinematics;
 pub use volcomp_vocabulary as vocabulary;
 pub use volcomp_vocabulary::{Component, ErrorName, UnknownErrorName};
 pub use volumetric::{
-    ErrorField, UNCERTAINTY_POSES, VolumetricError, Worst, halton, poses_of_all_axes, volumetric,
+    ErrorField, Lengths, RigidMotion, RigidSums, UNCERTAINTY_POSES, VolumetricError, Worst, halton,
+    poses_of_all_axes, volumetric,
 };

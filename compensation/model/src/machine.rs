@@ -13,12 +13,10 @@ use volcomp_vocabulary::{
 };
 
 use crate::{
-    axis::Axis,
+    axis::{Axis, Tool, curve_refusal, is_number, location_refusal},
     error::{CorrectRefusal, ModelError},
-    error_rules::{curve_refusal, is_number, location_refusal},
     provenance::{Provenance, ProvenanceRefusal},
     thermal::{Temperatures, Thermal},
-    tool::Tool,
 };
 
 /// A machine with its errors. Coordinates, curves and errors are in the units of the machine file (mm, deg, µm, µrad); only the chain is in mm

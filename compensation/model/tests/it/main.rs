@@ -3,19 +3,9 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod absurd;
-mod closing;
-mod correct;
 mod evaluation;
-mod fuzz_corpus;
 mod inverse;
-mod largest;
-mod messages;
-mod placed;
-mod provenance;
-mod rigid;
-mod round_trip;
-#[cfg(feature = "serde")]
-mod serialised;
+mod machine_file;
 mod thermal;
 mod volumetric;
 

@@ -1,29 +1,24 @@
 //! Reads machine files, with messages that name file, line and key, and writes them with a checksum.
 
+use core::fmt::Write;
 use std::{collections::BTreeMap, path::Path};
 
 use sha2::{Digest, Sha256};
-use volcomp_document::{Document, FileKind, InputError, Section, Value};
-use volcomp_kinematics::{MotionFrame, Structure};
+use volcomp_document::{Document, FileKind, InputError, Section, Value, toml_string};
+use volcomp_kinematics::{
+    DhConvention, DhRow, DhTable, MotionFrame, Pose, Structure,
+    nalgebra::{Matrix3, Vector3},
+};
 use volcomp_vocabulary::{AxisKind, AxisName, ErrorName, UnknownErrorName, bounds::PLAUSIBLE_DEGC};
 
 use crate::{
-    axis::Axis,
-    curve_file::{CurveContext, decode_error_curve},
+    axis::{Axis, Tool},
+    curve_file::{CurveContext, decode_error_curve, write_error_curve},
     error::{ModelError, ThermalRefusal},
     machine::{Machine, Parts},
-    provenance::hexadecimal,
+    provenance::{Origin, Provenance, Source, hexadecimal},
     thermal::{Drift, Expansion, MARGINS_K, Seen, Thermal, default_margin_k},
-    tool::Tool,
 };
-
-mod denavit_hartenberg;
-mod provenance;
-mod write;
-
-use denavit_hartenberg::place_by_table;
-use provenance::decode_provenance;
-use write::canonical;
 
 const TOP_KEYS: [&str; 14] = [
     "name",
@@ -451,4 +446,373 @@ fn check_gauge_keys(
         }
     }
     Ok(())
+}
+
+/// Direction components below this are rounding errors of sines and cosines of right angles.
+const DIRECTION_ROUNDING: f64 = 1e-14;
+/// Coordinates below this are rounding errors, mm.
+const POINT_ROUNDING_MM: f64 = 1e-10;
+/// Maximum distance of a configured point from the line of its axis, mm.
+const ON_THE_LINE_MM: f64 = 1e-6;
+
+/// Sets the directions and points of the axes from `[dh]`, if the file has it.
+fn place_by_table(
+    root: &Section<'_>,
+    structure: &Structure,
+    axes: &mut [Axis],
+) -> Result<(), InputError> {
+    let Some(section) = root.section("dh")? else {
+        return Ok(());
+    };
+    section.allow(&["convention", "base", "rows"])?;
+    let conventions = [("distal", DhConvention::Distal), ("proximal", DhConvention::Proximal)];
+    let table = DhTable {
+        convention: section.one_of("convention", &conventions, DhConvention::Distal)?,
+        base: match section.section("base")? {
+            Some(base) => decode_base(&base)?,
+            None => Pose::identity(),
+        },
+        rows: decode_rows(&section.require("rows")?, structure)?.into_iter().collect(),
+    };
+    let chain = table.to_chain(structure.clone()).map_err(|e| section.error(e.to_string()))?;
+    let stated = root.require("axes")?.section()?;
+    for (axis, joint) in axes.iter_mut().zip(chain.joints()) {
+        let keys = stated.require(&axis.name.to_string())?.section()?;
+        if let Some(value) = keys.get("direction") {
+            return Err(value.error(format!(
+                "found the direction of axis {} beside [dh], expected one of them",
+                axis.name
+            )));
+        }
+        axis.direction = Some(rounded(&joint.direction, DIRECTION_ROUNDING));
+        // A linear axis has no fixed line; `point` is the point to which its errors apply.
+        if axis.name.kind() == AxisKind::Linear {
+            continue;
+        }
+        match (axis.point_mm, keys.get("point")) {
+            (Some(point), Some(value)) => {
+                let off_mm = (Vector3::from(point) - joint.point_mm).cross(&joint.direction).norm();
+                // NaN is rejected as well.
+                if off_mm > ON_THE_LINE_MM || off_mm.is_nan() {
+                    return Err(value.error(format!(
+                        "found a point {off_mm:.6} mm off the line that [dh] gives axis {}, expected one on it",
+                        axis.name
+                    )));
+                }
+            }
+            _ => axis.point_mm = Some(rounded(&joint.point_mm, POINT_ROUNDING_MM)),
+        }
+    }
+    Ok(())
+}
+
+fn rounded(vector: &Vector3<f64>, below: f64) -> [f64; 3] {
+    vector.map(|x| if x.abs() < below { 0.0 } else { x }).into()
+}
+
+fn decode_base(section: &Section<'_>) -> Result<Pose, InputError> {
+    section.allow(&["point", "x", "z"])?;
+    let vector = |key: &str, default: [f64; 3]| {
+        Ok::<_, InputError>(Vector3::from(section.optional(key, Value::vector)?.unwrap_or(default)))
+    };
+    let (point, x, z) =
+        (vector("point", [0.0; 3])?, vector("x", [1.0, 0.0, 0.0])?, vector("z", [0.0, 0.0, 1.0])?);
+    // The vector is scaled first, so that the squares neither underflow nor overflow.
+    let unit = |v: Vector3<f64>| (v.amax() > 0.0).then(|| (v / v.amax()).normalize());
+    let frame = unit(z).zip(unit(x)).and_then(|(z, x)| {
+        let y = z.cross(&x).try_normalize(1e-6)?;
+        Some(Matrix3::from_columns(&[y.cross(&z), y, z]))
+    });
+    let Some(rotation) = frame else {
+        return Err(section.error(
+            "found x along z or a vector of zeros, expected two directions across each other",
+        ));
+    };
+    Ok(Pose { rotation, translation_mm: point })
+}
+
+fn decode_rows(value: &Value<'_>, structure: &Structure) -> Result<Vec<DhRow>, InputError> {
+    let axes = structure.axes();
+    let items = value.items()?;
+    if items.len() != axes.len() {
+        return Err(value.error(format!(
+            "found {} rows, expected {}: one for each axis of `{structure}`, from the workpiece to the tool",
+            items.len(),
+            axes.len()
+        )));
+    }
+    let mut rows = Vec::new();
+    for (item, &axis) in items.iter().zip(axes) {
+        let row = item.section()?;
+        row.allow(&["axis", "theta", "d", "a", "alpha"])?;
+        let named = row.require("axis")?;
+        if named.text()?.parse::<AxisName>() != Ok(axis) {
+            return Err(named.error(format!(
+                "found \"{}\", expected \"{axis}\": rows are in the order of `{structure}`",
+                named.text()?
+            )));
+        }
+        let number = |key: &str| {
+            let stated = row.optional(key, Value::number)?;
+            Ok::<_, InputError>(stated.unwrap_or(0.0))
+        };
+        rows.push(DhRow {
+            theta_rad: number("theta")?.to_radians(),
+            d_mm: number("d")?,
+            a_mm: number("a")?,
+            alpha_rad: number("alpha")?.to_radians(),
+        });
+    }
+    Ok(rows)
+}
+
+const MAX_RUNS_OR_TARGETS: usize = 100_000_000;
+
+fn decode_provenance(root: &Section<'_>, machine: &mut Machine) -> Result<(), ModelError> {
+    let Some(section) = root.section("provenance")? else {
+        return Ok(());
+    };
+    section.allow(&["version", "serial", "date", "undecided", "error"])?;
+    let text = |key: &str| section.optional(key, |v| v.text().map(str::to_owned));
+    let provenance = Provenance {
+        version: text("version")?,
+        serial: text("serial")?,
+        date: text("date")?,
+        undecided: section.optional("undecided", decode_names)?.unwrap_or_default(),
+        errors: section.tables("error", decode_origin)?,
+    };
+    let refused = machine.set_provenance(provenance);
+    refused.map_err(|refusal| section.error(refusal.to_string()).into())
+}
+
+fn decode_names(value: &Value<'_>) -> Result<Vec<ErrorName>, InputError> {
+    let name = |item: &Value<'_>| {
+        let name = item.text()?.parse::<ErrorName>();
+        name.map_err(|e| item.error(e.to_string()))
+    };
+    value.items()?.iter().map(name).collect()
+}
+
+fn decode_origin(section: &Section<'_>) -> Result<Origin, InputError> {
+    let value = section.require("error")?;
+    let error: ErrorName = (value.text()?.parse())
+        .map_err(|e: volcomp_vocabulary::UnknownErrorName| value.error(e.to_string()))?;
+    let unit = error.component.unit();
+    let (residual, leave_one_out) = (format!("residual_{unit}"), format!("leave_one_out_{unit}"));
+    section.allow(&["error", "method", "rule", &residual, &leave_one_out, "from"])?;
+    Ok(Origin {
+        error,
+        method: section.require("method")?.text()?.to_owned(),
+        rule: section.optional("rule", |v| v.text().map(str::to_owned))?,
+        residual: section.optional(&residual, Value::number)?,
+        leave_one_out: section.optional(&leave_one_out, Value::number)?,
+        sources: section.tables("from", decode_source)?,
+    })
+}
+
+fn decode_source(section: &Section<'_>) -> Result<Source, InputError> {
+    section.allow(&["file", "sha256", "runs", "targets", "at", "date"])?;
+    let count = |key: &str| section.optional(key, |v| v.count(MAX_RUNS_OR_TARGETS));
+    let mut at = Vec::new();
+    if let Some(axes) = section.section("at")? {
+        for (key, value) in axes.values() {
+            let axis = key.parse::<AxisName>();
+            let axis = axis.map_err(|e| value.error(e.to_string()))?;
+            at.push((axis, value.number()?));
+        }
+    }
+    at.sort_by_key(|(axis, _)| *axis);
+    Ok(Source {
+        file: section.require("file")?.text()?.to_owned(),
+        sha256: section.require("sha256")?.text()?.to_owned(),
+        runs: count("runs")?,
+        targets: count("targets")?,
+        at,
+        date: section.optional("date", |v| v.text().map(str::to_owned))?,
+    })
+}
+
+/// The table as text. It is empty if nothing is recorded, so that files without provenance keep their text and
+/// checksum.
+fn write_provenance(provenance: &Provenance) -> String {
+    if provenance.is_empty() {
+        return String::new();
+    }
+    let mut text = String::from("\n[provenance]\n");
+    let of_all = [
+        ("version", &provenance.version),
+        ("serial", &provenance.serial),
+        ("date", &provenance.date),
+    ];
+    for (key, value) in of_all {
+        if let Some(value) = value {
+            let _ = writeln!(text, "{key} = {}", toml_string(value)); // writing to a String cannot fail
+        }
+    }
+    if !provenance.undecided.is_empty() {
+        let names = provenance.undecided.iter().map(|name| format!("\"{name}\""));
+        let names: Vec<String> = names.collect();
+        let _ = writeln!(text, "undecided = [{}]", names.join(", "));
+    }
+    for origin in &provenance.errors {
+        let unit = origin.error.component.unit();
+        let _ = write!(
+            text,
+            "\n[[provenance.error]]\nerror = \"{}\"\nmethod = {}\n",
+            origin.error,
+            toml_string(&origin.method)
+        );
+        if let Some(rule) = &origin.rule {
+            let _ = writeln!(text, "rule = {}", toml_string(rule));
+        }
+        if let Some(residual) = origin.residual {
+            let _ = writeln!(text, "residual_{unit} = {residual:?}");
+        }
+        if let Some(error) = origin.leave_one_out {
+            let _ = writeln!(text, "leave_one_out_{unit} = {error:?}");
+        }
+        if !origin.sources.is_empty() {
+            let sources: Vec<String> = origin.sources.iter().map(write_source).collect();
+            let _ = writeln!(text, "from = [\n    {},\n]", sources.join(",\n    "));
+        }
+    }
+    text
+}
+
+fn write_source(source: &Source) -> String {
+    let mut text = format!(
+        "{{ file = {}, sha256 = {}",
+        toml_string(&source.file),
+        toml_string(&source.sha256)
+    );
+    for (key, count) in [("runs", source.runs), ("targets", source.targets)] {
+        if let Some(count) = count {
+            let _ = write!(text, ", {key} = {count}"); // writing to a String cannot fail
+        }
+    }
+    if !source.at.is_empty() {
+        let at = source.at.iter().map(|(axis, q)| format!("{axis} = {q:?}"));
+        let _ = write!(text, ", at = {{ {} }}", at.collect::<Vec<_>>().join(", "));
+    }
+    if let Some(date) = &source.date {
+        let _ = write!(text, ", date = {}", toml_string(date));
+    }
+    text + " }"
+}
+
+/// Writes the machine file, without its checksum, in a fixed order and spelling.
+fn canonical(machine: &Machine) -> String {
+    let mut text = format!("name = {}\n", toml_string(&machine.name));
+    let mut line = |content: String| {
+        text.push_str(&content);
+        text.push('\n');
+    };
+    line(format!("structure = \"{}\"", machine.chain().structure()));
+    if let Some(axes) = machine.correct() {
+        let names: Vec<String> = axes.iter().map(|axis| format!("\"{axis}\"")).collect();
+        line(format!("correct = [{}]", names.join(", ")));
+    }
+    for axis in machine.axes() {
+        line(format!("\n[axes.{}]\ntravel = {:?}", axis.name, axis.travel));
+        if let Some(point) = axis.point_mm {
+            line(format!("point = {point:?}"));
+        }
+        if let Some(direction) = axis.direction {
+            line(format!("direction = {direction:?}"));
+        }
+        if let Some(modulo) = axis.modulo {
+            line(format!("modulo = {modulo:?}"));
+        }
+        if axis.motion_frame == MotionFrame::Turning {
+            line("motion_frame = \"turning\"".to_owned());
+        }
+    }
+    line("\n[tool]".to_owned());
+    line(write_tool(machine.tool()));
+    for (name, tool) in machine.tools() {
+        line(format!("[tools.{}]\n{}", toml_string(name), write_tool(tool)));
+    }
+    line(format!("[workpiece]\norigin = {:?}", machine.workpiece_origin_mm()));
+    line("\n[errors]".to_owned());
+    for (name, curve) in machine.errors() {
+        line(format!("{name} = {}", write_error_curve(curve, machine.axes())));
+    }
+    for (name, value) in machine.locations() {
+        line(format!("{name} = {value:?}"));
+    }
+    line("\n[assembly]".to_owned());
+    for (index, axis) in machine.axes().iter().enumerate() {
+        if machine.assembly(index) != [0.0; 6] {
+            line(format!("{} = {:?}", axis.name, machine.assembly(index)));
+        }
+    }
+    line(write_thermal(machine.thermal()));
+    text += &write_provenance(machine.provenance());
+    text
+}
+
+fn write_tool(tool: &Tool) -> String {
+    let mut text = String::new();
+    let vectors = [
+        ("tip", tool.tip_mm),
+        ("gauge", tool.gauge_mm),
+        ("offset", tool.offset_mm),
+        ("axis", tool.axis),
+    ];
+    for (key, vector) in vectors {
+        if let Some(vector) = vector {
+            let _ = writeln!(text, "{key} = {vector:?}"); // writing to a String cannot fail
+        }
+    }
+    if let Some(length) = tool.length_mm {
+        let _ = writeln!(text, "length = {length:?}");
+    }
+    text
+}
+
+fn write_thermal(thermal: &Thermal) -> String {
+    let mut text = format!("\n[thermal]\nreference = {:?}\n", thermal.reference_degc);
+    // Files without tested ranges are written without `margin_k`, so that they keep their text and checksum.
+    if !thermal.seen.is_empty() || thermal.margin_k != Thermal::default().margin_k {
+        let _ = writeln!(text, "margin_k = {:?}", thermal.margin_k); // writing to a String cannot fail
+    }
+    for term in &thermal.expansion {
+        let _ = write!(
+            text,
+            "\n[[thermal.expansion]]\nerror = \"{}\"\nsensor = {}\num_per_m_k = {:?}\nfixed_mm = {:?}\n",
+            term.error,
+            toml_string(&term.sensor),
+            term.um_per_m_k,
+            term.fixed_mm
+        );
+    }
+    for term in &thermal.drift {
+        let sensors: Vec<String> = term
+            .sensors
+            .iter()
+            .map(|(name, weight)| format!("{} = {weight:?}", toml_string(name)))
+            .collect();
+        let unit = term.error.component.unit();
+        let _ = write!(
+            text,
+            "\n[[thermal.drift]]\nerror = \"{}\"\nsensors = {{ {} }}\n{unit}_per_k = {:?}\nlag_s = {:?}\n",
+            term.error,
+            sensors.join(", "),
+            term.per_k,
+            term.lag_s
+        );
+    }
+    for seen in &thermal.seen {
+        let _ = write!(
+            text,
+            "\n[[thermal.seen]]\nerror = \"{}\"\nsensor = {}\ndegc = {:?}\n",
+            seen.error,
+            toml_string(&seen.sensor),
+            seen.degc
+        );
+        if let Some(rates) = seen.k_per_min {
+            let _ = writeln!(text, "k_per_min = {rates:?}");
+        }
+    }
+    text
 }
