@@ -15,8 +15,7 @@ use crate::{
     error::BlobError,
     machine::{CompiledAxis, CompiledMachine, Range, Thermal},
     parts::Branches,
-    patch::{CompiledPatch, Patch},
-    table::{LANES, MAX_PIECES, Piece},
+    table::{CompiledPatch, LANES, MAX_PIECES, Patch, Piece},
 };
 
 /// Format version that is written. Older versions can still be read: version 3, in which the error motions of every

@@ -1,5 +1,8 @@
-//! First-order correction of a real-time cycle.
+//! One pose in a real-time cycle: its error and its first-order correction, with the widest registers of the processor; without the standard
+//! library, with the registers of the compilation target.
 
+#[cfg(feature = "std")]
+use pulp::{Arch, Simd, WithSimd};
 use volcomp_kinematics::{
     Correctors, State,
     least_norm::{LinearColumns, LinearShares, RotaryGram, normals},
@@ -7,6 +10,8 @@ use volcomp_kinematics::{
 };
 use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES, PerAxis};
 
+#[cfg(not(feature = "std"))]
+use crate::table::Baseline;
 use crate::{
     EvaluatorError,
     machine::{CompiledMachine, Evaluation},
@@ -14,6 +19,115 @@ use crate::{
     turn::Turn,
     walk::Turns,
 };
+#[cfg(feature = "std")]
+use crate::{machine::CompiledAxis, table::Wide};
+
+impl CompiledMachine {
+    /// The volumetric error at a state (mm, rad), first order (the `twist` form).
+    pub fn evaluate(&self, state: &State) -> Evaluation {
+        #[cfg(feature = "std")]
+        return one_pose(self, state);
+        #[cfg(not(feature = "std"))]
+        self.evaluate_with(state, Baseline)
+    }
+
+    /// The first-order correction by the axes of [`correctors`](Self::correctors): the rotary axes correct the tool direction with least
+    /// norm, then the linear axes correct the position.
+    pub fn first_order(&self, state: &State) -> FirstOrder {
+        self.first_order_of(state, &self.correctors)
+    }
+
+    /// The first-order correction by the axes in `correctors`, for a controller that can write only some axes of the machine.
+    pub fn first_order_of(&self, state: &State, correctors: &Correctors) -> FirstOrder {
+        #[cfg(feature = "std")]
+        return one_correction(self, state, correctors);
+        #[cfg(not(feature = "std"))]
+        self.first_order_with::<true>(state, correctors, Baseline)
+    }
+
+    /// The first-order correction in parts, for a controller interface that limits, ramps or rounds the rotary shares.
+    /// The linear shares can then be matched to the rotary shares that are written.
+    pub fn parts_of(&self, state: &State, correctors: &Correctors) -> CorrectionParts {
+        #[cfg(feature = "std")]
+        return one_in_parts(self, state, correctors);
+        #[cfg(not(feature = "std"))]
+        self.parts_with::<true>(state, correctors, Baseline)
+    }
+}
+
+#[cfg(feature = "std")]
+fn one_pose(machine: &CompiledMachine, state: &State) -> Evaluation {
+    struct Slides<'a>(&'a CompiledMachine, [&'a CompiledAxis; 3], &'a State);
+    impl WithSimd for Slides<'_> {
+        type Output = Evaluation;
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) -> Evaluation {
+            let Self(machine, axes, state) = self;
+            let (&[x, y, z, ..], &[k, l, m, ..]) = (&state.q.0, &state.approach.0);
+            machine.three_slides(axes, [k, l, m], [x, y, z], Wide(simd))
+        }
+    }
+    struct Walk<'a, const PATCHED: bool>(&'a CompiledMachine, &'a State);
+    impl<const PATCHED: bool> WithSimd for Walk<'_, PATCHED> {
+        type Output = Evaluation;
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) -> Evaluation {
+            self.0.walk::<PATCHED>(self.1, Wide(simd), &mut ())
+        }
+    }
+    if let (true, [a, b, c]) = (machine.three_slides, &machine.axes[..]) {
+        Arch::new().dispatch(Slides(machine, [a, b, c], state))
+    } else if machine.patched {
+        Arch::new().dispatch(Walk::<true>(machine, state))
+    } else {
+        Arch::new().dispatch(Walk::<false>(machine, state))
+    }
+}
+
+/// The first-order correction of one pose, with the widest registers.
+#[cfg(feature = "std")]
+fn one_correction(machine: &CompiledMachine, state: &State, correctors: &Correctors) -> FirstOrder {
+    struct One<'a, const PATCHED: bool>(&'a CompiledMachine, &'a State, &'a Correctors);
+    impl<const PATCHED: bool> WithSimd for One<'_, PATCHED> {
+        type Output = FirstOrder;
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) -> FirstOrder {
+            let Self(machine, state, correctors) = self;
+            machine.first_order_with::<PATCHED>(state, correctors, Wide(simd))
+        }
+    }
+    if machine.patched {
+        Arch::new().dispatch(One::<true>(machine, state, correctors))
+    } else {
+        Arch::new().dispatch(One::<false>(machine, state, correctors))
+    }
+}
+
+#[cfg(feature = "std")]
+fn one_in_parts(
+    machine: &CompiledMachine,
+    state: &State,
+    correctors: &Correctors,
+) -> CorrectionParts {
+    struct One<'a, const PATCHED: bool>(&'a CompiledMachine, &'a State, &'a Correctors);
+    impl<const PATCHED: bool> WithSimd for One<'_, PATCHED> {
+        type Output = CorrectionParts;
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) -> CorrectionParts {
+            let Self(machine, state, correctors) = self;
+            machine.parts_with::<PATCHED>(state, correctors, Wide(simd))
+        }
+    }
+    if machine.patched {
+        Arch::new().dispatch(One::<true>(machine, state, correctors))
+    } else {
+        Arch::new().dispatch(One::<false>(machine, state, correctors))
+    }
+}
 
 struct RotaryLevers([Option<(Turn, Vector3<f64>)>; MAX_AXES]);
 
@@ -116,7 +230,7 @@ impl CompiledMachine {
     }
 
     #[inline(always)]
-    pub(crate) fn first_order_with<const PATCHED: bool>(
+    fn first_order_with<const PATCHED: bool>(
         &self,
         state: &State,
         correctors: &Correctors,
@@ -149,7 +263,7 @@ impl CompiledMachine {
     }
 
     #[inline(always)]
-    pub(crate) fn parts_with<const PATCHED: bool>(
+    fn parts_with<const PATCHED: bool>(
         &self,
         state: &State,
         correctors: &Correctors,
@@ -252,7 +366,7 @@ fn correct_axis(
 }
 
 #[inline(always)]
-pub(crate) fn linear_columns(
+fn linear_columns(
     correctors: &Correctors,
     column: impl Fn(usize) -> Vector3<f64>,
 ) -> LinearColumns {
@@ -265,7 +379,7 @@ pub(crate) fn linear_columns(
 
 /// Corrects a displacement of the tip with the linear axes: exact with three directions, least squares with fewer.
 #[inline(always)]
-pub(crate) fn take_position(
+fn take_position(
     correctors: &Correctors,
     solved: &LinearShares,
     position_mm: &Vector3<f64>,
@@ -275,4 +389,84 @@ pub(crate) fn take_position(
     for (&index, share) in correctors.linear().iter().zip(shares) {
         delta[index] = -share;
     }
+}
+
+/// Precomputed correction of a position error by the linear axes, valid at every pose.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Slides {
+    correctors: Correctors,
+    shares: LinearShares,
+}
+
+impl CompiledMachine {
+    /// The precomputed correction for the correcting axes of the machine; `None` if the machine has a rotary axis.
+    pub fn slides(&self) -> Option<Slides> {
+        let mut axes = self.axes.iter();
+        if axes.any(|axis| axis.joint.kind == AxisKind::Rotary) {
+            return None;
+        }
+        let columns = linear_columns(&self.correctors, |index| {
+            let axis = self.axes.get(index);
+            axis.map_or(Vector3::zeros(), |axis| axis.joint.direction)
+        });
+        Some(Slides { correctors: self.correctors.clone(), shares: columns.solved() })
+    }
+}
+
+impl Slides {
+    /// The correction in two steps, mm in chain order: the second step uses the errors at the position corrected by the
+    /// first. If the second result is less than half of the first, the errors are unrealistic, and the first result is
+    /// returned.
+    pub fn two_steps(&self, machine: &CompiledMachine, state: &State) -> PerAxis<f64> {
+        #[cfg(feature = "std")]
+        return two_steps(machine, state, self);
+        #[cfg(not(feature = "std"))]
+        self.two_steps_with(machine, state, Baseline)
+    }
+
+    #[inline(always)]
+    fn two_steps_with(
+        &self,
+        machine: &CompiledMachine,
+        state: &State,
+        registers: impl Registers,
+    ) -> PerAxis<f64> {
+        let mut corrected = *state;
+        let first = self.delta(&machine.evaluate_with(state, registers));
+        let axes = machine.axes.len();
+        for (q, delta) in corrected.q.iter_mut().zip(&first).take(axes) {
+            *q += delta;
+        }
+        let second = self.delta(&machine.evaluate_with(&corrected, registers));
+        // If an error grows as fast as its coordinate, the second step is almost zero.
+        let size = |delta: &PerAxis<f64>| {
+            let sizes = delta.iter().take(axes).map(|delta| libm::fabs(*delta));
+            sizes.fold(0.0, |most, size| if size > most { size } else { most })
+        };
+        if size(&second) < 0.5 * size(&first) { first } else { second }
+    }
+
+    /// The correction of an error, as in [`CompiledMachine::first_order`]: mm in chain order.
+    #[inline(always)]
+    pub fn delta(&self, error: &Evaluation) -> PerAxis<f64> {
+        let mut delta = PerAxis::ZERO;
+        let position = Vector3::from(error.position_mm);
+        take_position(&self.correctors, &self.shares, &position, &mut delta);
+        delta
+    }
+}
+
+#[cfg(feature = "std")]
+fn two_steps(machine: &CompiledMachine, state: &State, slides: &Slides) -> PerAxis<f64> {
+    struct Two<'a>(&'a CompiledMachine, &'a State, &'a Slides);
+    impl WithSimd for Two<'_> {
+        type Output = PerAxis<f64>;
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) -> PerAxis<f64> {
+            let Self(machine, state, slides) = self;
+            slides.two_steps_with(machine, state, Wide(simd))
+        }
+    }
+    Arch::new().dispatch(Two(machine, state, slides))
 }

@@ -10,35 +10,24 @@ extern crate alloc;
 #[cfg(feature = "std")]
 mod batch;
 mod blob;
+mod bound;
 mod build;
-mod chord;
 mod correction;
 mod error;
-mod fit;
-mod fold;
-#[cfg(feature = "std")]
-mod grid;
-mod index;
 mod machine;
-mod neglected;
 mod parts;
-mod patch;
-mod single;
-mod slides;
 mod table;
-mod terms;
 mod turn;
 mod walk;
 
-pub use blob::BLOB_VERSION;
-pub use correction::{CorrectionParts, FirstOrder};
-pub use error::{BlobError, EvaluatorError};
 #[cfg(feature = "std")]
-pub use grid::LinearGrid;
+pub use batch::LinearGrid;
+pub use blob::BLOB_VERSION;
+pub use bound::Neglected;
+pub use correction::{CorrectionParts, FirstOrder, Slides};
+pub use error::{BlobError, EvaluatorError};
 pub use machine::{CompiledMachine, Evaluation, OutsideRange};
-pub use neglected::Neglected;
 pub use parts::{AxisParts, MachineParts, RawCurve, Tolerance};
-pub use patch::Patch;
-pub use slides::Slides;
+pub use table::Patch;
 pub use volcomp_kinematics as kinematics;
 pub use volcomp_vocabulary as vocabulary;

@@ -7,7 +7,7 @@ use volcomp_vocabulary::{
     AxisKind, AxisName, Component, Deg, Direction, Displacement, ErrorName, MAX_AXES, PerAxis,
 };
 
-use crate::{EvaluatorError, error::no_axis, patch::Patch};
+use crate::{EvaluatorError, error::no_axis, table::Patch};
 
 /// Maximum deviation of a compiled curve from its source.
 #[derive(Clone, Copy, Debug, PartialEq)]

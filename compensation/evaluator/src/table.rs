@@ -1,10 +1,12 @@
-//! The six errors of an axis as piecewise cubics over one coordinate.
+//! The errors of an axis: six piecewise cubics over one coordinate, and bilinear patches over two. A uniform index over the breakpoints finds
+//! the interval of a coordinate in one bounded step.
 
 use alloc::vec::Vec;
 
-use volcomp_kinematics::nalgebra::Vector3;
+use volcomp_kinematics::{Chain, nalgebra::Vector3};
+use volcomp_vocabulary::{AxisName, Component};
 
-use crate::index::{Cell, Uniform};
+use crate::{EvaluatorError, error::no_axis};
 
 /// Number of components of a twist: three translations, three rotations.
 pub(crate) const LANES: usize = 6;
@@ -251,5 +253,262 @@ impl Bounds {
         let [x, y, z, a, b, c] = sizes;
         self.linear_mm = self.linear_mm.max(Vector3::new(x, y, z).norm());
         self.angular_rad = self.angular_rad.max(Vector3::new(a, b, c).norm());
+    }
+}
+
+/// One component of an axis over two coordinates: bilinear between nodes, constant outside.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Patch {
+    /// The component of the axis.
+    pub component: Component,
+    /// Factors on the values for forward travel, backward travel, and an unknown direction of the axis to which the
+    /// error belongs.
+    pub weights: [f64; 3],
+    /// The two axes whose coordinates the error depends on.
+    pub axes: [AxisName; 2],
+    /// Nodes along each of the two axes, ascending, mm or deg; at least one.
+    pub nodes: [Vec<f64>; 2],
+    /// Values at all nodes, mm or rad; the node of the second axis varies fastest.
+    pub values: Vec<f64>,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct CompiledPatch {
+    pub(crate) patch: Patch,
+    /// The chain indices of the two axes.
+    pub(crate) looked_at: [usize; 2],
+    places: [Places; 2],
+}
+
+#[derive(Clone, Debug, PartialEq)]
+struct Places {
+    index: Uniform,
+    cells: Vec<Cell>,
+    /// Start of each segment and the inverse of its length.
+    segments: Vec<[f64; 2]>,
+}
+
+impl CompiledPatch {
+    /// Creates the compiled form of a checked `patch`; `looked_at` are the chain indices of its
+    /// axes.
+    pub(crate) fn new(patch: Patch, looked_at: [usize; 2]) -> Self {
+        Self { looked_at, places: patch.nodes.each_ref().map(|nodes| Places::new(nodes)), patch }
+    }
+
+    pub(crate) fn value(&self, at: [f64; 2]) -> f64 {
+        let (i, s) = self.places[0].place(at[0]);
+        let (j, t) = self.places[1].place(at[1]);
+        let columns = self.patch.nodes[1].len();
+        // A single node along an axis is its own neighbour.
+        let down = if self.patch.nodes[0].len() > 1 { columns } else { 0 };
+        let right = usize::from(columns > 1);
+        let from = i * columns + j;
+        let node = |place: usize| self.patch.values.get(place).copied().unwrap_or(0.0);
+        let row = |start: usize| {
+            let (left, right) = (node(start), node(start + right));
+            left + (right - left) * t
+        };
+        let (upper, lower) = (row(from), row(from + down));
+        upper + (lower - upper) * s
+    }
+}
+
+impl CompiledPatch {
+    pub(crate) fn of(patch: Patch, chain: &Chain) -> Result<Self, EvaluatorError> {
+        let [first, second] = patch.axes;
+        let place = |axis: AxisName| {
+            let index = chain.structure().index_of(axis);
+            index.ok_or_else(|| no_axis(chain, axis))
+        };
+        Ok(Self::new(patch, [place(first)?, place(second)?]))
+    }
+}
+
+impl Places {
+    /// Creates the segments between `nodes` (ascending, not empty). A single node gives one segment of zero inverse
+    /// length.
+    fn new(nodes: &[f64]) -> Self {
+        let segment = |pair: &[f64]| [pair[0], 1.0 / (pair[1] - pair[0])];
+        let mut segments: Vec<[f64; 2]> = nodes.windows(2).map(segment).collect();
+        if segments.is_empty() {
+            segments.push([nodes[0], 0.0]);
+        }
+        let mut cells = Vec::new();
+        // The breakpoints of the index are the inner nodes. Without inner nodes, a breakpoint at the largest number has
+        // no effect.
+        let inner = nodes.get(1..nodes.len() - 1).filter(|inner| !inner.is_empty());
+        let index = Uniform::add(&mut cells, inner.unwrap_or(&[f64::MAX]), 0);
+        Self { index, cells, segments }
+    }
+
+    /// Segment of a coordinate, and the position in it, 0 to 1 (NaN for NaN).
+    fn place(&self, x: f64) -> (usize, f64) {
+        let cell = &self.cells[self.index.cell(x)];
+        let mut place = cell.first as usize + usize::from(x >= cell.split);
+        for _ in 0..cell.more {
+            place += usize::from(self.segments.get(place + 1).is_some_and(|next| x >= next[0]));
+        }
+        let place = place.min(self.segments.len() - 1);
+        let [start, per_length] = self.segments[place];
+        let part = (x - start) * per_length;
+        let part = if part < 0.0 { 0.0 } else { part };
+        (place, if part > 1.0 { 1.0 } else { part })
+    }
+}
+
+impl Patch {
+    /// Checks all numbers; the error states the expected value of the first invalid number.
+    pub(crate) fn check(&self) -> Result<(), &'static str> {
+        let rises = |nodes: &[f64]| {
+            nodes.iter().all(|node| node.is_finite())
+                && nodes.windows(2).all(|pair| pair[0] < pair[1])
+        };
+        if self.nodes.iter().any(Vec::is_empty) {
+            return Err("at least one node along each axis");
+        }
+        if !self.nodes.iter().all(|nodes| rises(nodes)) {
+            return Err("finite nodes that rise along each axis");
+        }
+        if self.values.len() != self.nodes[0].len() * self.nodes[1].len() {
+            return Err("one value for each pair of nodes");
+        }
+        let numbers = self.values.iter().chain(&self.weights);
+        if !numbers.into_iter().all(|number| number.is_finite()) {
+            return Err("finite values and weights");
+        }
+        Ok(())
+    }
+
+    /// The largest absolute slope along either axis, mm or rad per mm or deg.
+    pub(crate) fn slope_bound(&self) -> f64 {
+        let [first, second] = &self.nodes;
+        let columns = second.len();
+        let value = |i: usize, j: usize| self.values.get(i * columns + j).copied().unwrap_or(0.0);
+        let mut bound = 0.0_f64;
+        for i in 0..first.len() {
+            for j in 0..columns {
+                if i + 1 < first.len() {
+                    let rise = value(i + 1, j) - value(i, j);
+                    bound = bound.max(libm::fabs(rise / (first[i + 1] - first[i])));
+                }
+                if j + 1 < columns {
+                    let rise = value(i, j + 1) - value(i, j);
+                    bound = bound.max(libm::fabs(rise / (second[j + 1] - second[j])));
+                }
+            }
+        }
+        bound
+    }
+}
+
+const MAX_CELLS: usize = 1 << 12;
+/// 2⁵²: adding this constant rounds a number below 2³² to the nearest integer, which is then in the low bits of the
+/// sum.
+const TO_INTEGER: f64 = 4_503_599_627_370_496.0;
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Cell {
+    /// First breakpoint in the cell, from which on interval `first` + 1 applies; infinite without a breakpoint.
+    split: f64,
+    /// Interval at the start of the cell.
+    pub(crate) first: u32,
+    /// Number of breakpoints in the cell after `split`.
+    pub(crate) more: u32,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Uniform {
+    low: f64,
+    cells_per_unit: f64,
+    /// Number of the last cell, counted from the first cell of this index.
+    last: f64,
+    /// [`TO_INTEGER`] plus the position of the first cell of this index in the shared list.
+    to_cell: f64,
+}
+
+impl Uniform {
+    /// Appends the cells of one or more ascending breakpoints to the shared list. `first_interval` is the number of the
+    /// interval below the first breakpoint.
+    #[expect(clippy::cast_possible_truncation, reason = "breakpoints are counted in thousands")]
+    pub(crate) fn add(cells: &mut Vec<Cell>, breakpoints: &[f64], first_interval: usize) -> Self {
+        let from = cells.len();
+        let (low, high) = (breakpoints[0], breakpoints[breakpoints.len() - 1]);
+        let count = cells_for(breakpoints);
+        let per_unit = (count - 1) as f64 / (high - low);
+        let (cells_per_unit, last) = if count > 1 && per_unit.is_finite() {
+            (per_unit, (count - 1) as f64)
+        } else {
+            (0.0, 0.0)
+        };
+        let uniform = Self { low, cells_per_unit, last, to_cell: TO_INTEGER + from as f64 };
+        let place = |x: &f64| (uniform.cell(*x) - from, *x);
+        let mut places = breakpoints.iter().map(place).peekable();
+        let mut first = first_interval as u32;
+        for cell in 0..count {
+            let (mut split, mut inside) = (f64::INFINITY, 0);
+            while let Some((_, x)) = places.next_if(|(place, _)| *place == cell) {
+                split = split.min(x);
+                inside += 1;
+            }
+            let more = u32::saturating_sub(inside, 1);
+            cells.push(Cell { split, first, more });
+            first += inside;
+        }
+        uniform
+    }
+
+    /// Index of the cell of a coordinate: monotonic; the first cell for NaN.
+    #[expect(clippy::cast_possible_truncation, reason = "the last bits are wanted")]
+    #[inline(always)]
+    fn cell(&self, x: f64) -> usize {
+        let place = (x - self.low) * self.cells_per_unit;
+        let place = if place > 0.0 { place } else { 0.0 };
+        let place = if place < self.last { place } else { self.last };
+        // Rounds to the nearest whole number without the branches of a cast.
+        (place + self.to_cell).to_bits() as u32 as usize
+    }
+}
+
+/// Number of cells with which each cell has at most one breakpoint, limited to [`MAX_CELLS`].
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "capped")]
+fn cells_for(breakpoints: &[f64]) -> usize {
+    let widths = breakpoints.windows(2).map(|pair| pair[1] - pair[0]);
+    let narrowest = widths.fold(f64::INFINITY, f64::min);
+    let range = breakpoints[breakpoints.len() - 1] - breakpoints[0];
+    if breakpoints.len() < 2 || narrowest <= 0.0 {
+        return 1;
+    }
+    (libm::ceil(range / narrowest).min(MAX_CELLS as f64) as usize + 1).min(MAX_CELLS)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Checks that the index finds the same interval as counting breakpoints.
+    fn check(breakpoints: &[f64], x: f64) {
+        let mut cells = Vec::new();
+        let uniform = Uniform::add(&mut cells, breakpoints, 0);
+        let cell = cells[uniform.cell(x)];
+        let mut found = cell.first as usize + usize::from(x >= cell.split);
+        for _ in 0..cell.more {
+            found += usize::from(x >= breakpoints[found]);
+        }
+        let expected = breakpoints.iter().filter(|b| x >= **b).count();
+        assert_eq!(found, expected, "{x} among {breakpoints:?}");
+    }
+
+    #[test]
+    fn interval_index_equals_linear_search() {
+        let even: Vec<f64> = (0..21).map(|i| f64::from(i) * 400.0 + 0.1).collect();
+        let uneven: Vec<f64> = (0..40).map(|i| f64::from(i * i) * 0.37 - 5.0).collect();
+        let crowded = [0.0, 1e-9, 2e-9, 3e-9, 1.0, 1000.0, 1000.0 + 1e-9];
+        for breakpoints in [&even[..], &uneven, &crowded, &[3.0], &[-1.0, 1.0]] {
+            for &b in breakpoints {
+                for x in [b, b.next_down(), b.next_up(), b + 0.3, b - 1e6, b + 1e6] {
+                    check(breakpoints, x);
+                }
+            }
+        }
     }
 }

@@ -1,11 +1,16 @@
-//! The compiled evaluator compared with the exact form on curve objects, for every type of machine.
+//! The compiled evaluator compared with the exact form on curve objects, for every type of machine, and with its source; batches and grids
+//! of poses equal single poses.
 
+use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use volcomp_kinematics::{CorrectionOptions, Form, State, Structure, correct};
-use volcomp_model::{CompiledMachine, Machine, Temperatures, Tolerance};
+use volcomp_evaluator::{EvaluatorError, Tolerance};
+use volcomp_kinematics::{
+    CorrectionOptions, ErrorSource, Form, State, Structure, correct, volumetric_error,
+};
+use volcomp_model::{CompiledMachine, Machine, Temperatures};
 use volcomp_test_support::structures::all_types;
-use volcomp_vocabulary::{AxisKind, Direction, ErrorName, PerAxis};
+use volcomp_vocabulary::{AxisKind, AxisName, Direction, ErrorName, PerAxis};
 
 use crate::EXAMPLE;
 
@@ -276,4 +281,189 @@ fn flags_are_those_of_the_source() {
         seen.extend(found);
     }
     assert!(seen.len() > 3, "{seen:?}");
+}
+
+const TOLERANCE_UM: f64 = 1e-3;
+
+proptest! {
+    #[test]
+    fn within_the_tolerance_everywhere(
+        x in -100.0..8100.0, y in -100.0..4100.0, z in -100.0..2600.0, c in -7.0..7.0,
+        approach in 0..3_usize,
+    ) {
+        let machine = Machine::parse(EXAMPLE, "m").unwrap();
+        let compiled = machine.compile(Tolerance::default()).unwrap();
+        let none = Temperatures::new();
+        let source = machine.source(&none);
+        let state = State {
+            q: PerAxis::leading([c, x, y, z]),
+            approach: [[Some(Direction::Positive), Some(Direction::Negative), None][approach]; 9].into(),
+        };
+        for axis in 0..5 {
+            let difference = source.error_motion(axis, &state).linear_mm
+                - compiled.error_motion(axis, &state).linear_mm;
+            prop_assert!(difference.amax() * 1e3 <= TOLERANCE_UM * 1.01, "{difference}");
+            let difference = source.error_motion(axis, &state).angular_rad
+                - compiled.error_motion(axis, &state).angular_rad;
+            prop_assert!(difference.amax() * 1e6 <= TOLERANCE_UM * 1.01, "{difference}");
+            prop_assert_eq!(source.location(axis), compiled.location(axis));
+            prop_assert_eq!(source.assembly(axis), compiled.assembly(axis));
+        }
+    }
+}
+
+#[test]
+fn the_slope_bound_holds_and_is_tight() {
+    let machine = Machine::parse(EXAMPLE, "m").unwrap();
+    let compiled = machine.compile(Tolerance::from_nm(0.1)).unwrap();
+    for (name, curve) in machine.errors() {
+        let own = machine.index_of(name.axis).unwrap();
+        let [low, high] = machine.axis(name.axis).unwrap().travel;
+        let mut coordinates = [0.0; 9];
+        let steepest = (0..=4000)
+            .map(|step| {
+                coordinates[own] = low + (high - low) * f64::from(step) / 4000.0;
+                curve.derivative(own, &coordinates, None).abs()
+            })
+            .fold(0.0, f64::max);
+        let per_unit = if name.component.is_angular() { 1e6 } else { 1e3 };
+        let bound = compiled.slope_bound(name.axis, name.component) * per_unit;
+        assert!(bound >= steepest * 0.999 - 1e-6, "{name}: {bound} under {steepest}");
+        // EZY is a grid, and its bound also covers the slope along the second axis.
+        assert!(
+            bound <= steepest * 1.05 + 1e-3 || name.to_string() == "EZY",
+            "{name}: {bound} far over {steepest}"
+        );
+    }
+}
+
+#[test]
+fn a_tolerance_that_cannot_be_kept_is_refused() {
+    let text = EXAMPLE
+        .replace("poly = [0.0, 0.0073, -2.1e-7]", "fourier = [0.0, 0.0, 50.0], period = 0.01");
+    let message = Machine::parse(&text, "m")
+        .unwrap()
+        .compile(Tolerance::from_nm(1e-3))
+        .unwrap_err()
+        .to_string();
+    assert!(
+        message.contains("curve EXX needs more than 1 MiB for a tolerance of 0.001 nm"),
+        "{message}"
+    );
+}
+
+/// The calls of a real-time cycle (errors of a compiled machine, volumetric error, correction) do not allocate.
+#[test]
+fn a_cycle_allocates_nothing() {
+    let machine = Machine::parse(EXAMPLE, "m").unwrap();
+    let compiled = machine.compile(Tolerance::default()).unwrap();
+    let options = CorrectionOptions::first_order();
+    let mut sum = 0.0;
+    for step in 0..100 {
+        let q = f64::from(step);
+        let state = State {
+            q: PerAxis::leading([0.01 * q, 80.0 * q, 40.0 * q, 25.0 * q]),
+            ..State::default()
+        };
+        assert_no_alloc::assert_no_alloc(|| {
+            let error = volumetric_error(compiled.chain(), &compiled, &state, Form::Twist);
+            let correction = correct(compiled.chain(), &compiled, &state, &options);
+            sum += error.position_mm.x + correction.delta[1];
+        });
+    }
+    assert!(sum.is_finite() && sum != 0.0);
+}
+
+#[test]
+fn batches_are_the_same_as_single_poses() {
+    for text in
+        [&machine(&"w X' b Y Z t".parse().unwrap(), 1), &Machine::parse(EXAMPLE, "m").unwrap()]
+    {
+        let compiled = text.compile(Tolerance::default()).unwrap();
+        let count = text.axes().len();
+        let mut rng = ChaCha8Rng::seed_from_u64(8);
+        let states: Vec<State> = (0..10_000).map(|_| random_state(text, &mut rng)).collect();
+        let poses: Vec<f64> = states.iter().flat_map(|s| s.q[..count].to_vec()).collect();
+        let approach = PerAxis([Some(Direction::Positive); 9]);
+        let mut one = vec![[0.0; 6]; states.len()];
+        let mut all = one.clone();
+        let order = compiled.chain().structure().axes();
+        compiled.evaluate_batch(order, &poses, approach, &mut one).unwrap();
+        compiled.evaluate_batch_parallel(order, &poses, approach, &mut all).unwrap();
+        assert_eq!(one, all);
+        let largest = one.iter().flatten().fold(0.0_f64, |m, e| m.max(e.abs()));
+        for (state, found) in states.iter().zip(&one) {
+            let single = compiled.evaluate(&State { approach, ..*state });
+            for k in 0..3 {
+                assert!((single.position_mm[k] - found[k]).abs() <= 1e-12 * largest);
+                assert!((single.rotation_rad[k] - found[k + 3]).abs() <= 1e-12 * largest);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_batch_in_another_order_is_refused() {
+    let machine = Machine::parse(EXAMPLE, "m").unwrap();
+    let compiled = machine.compile(Tolerance::default()).unwrap();
+    let mut order = compiled.chain().structure().axes().to_vec();
+    order.swap(0, 1);
+    let mut errors = [[0.0; 6]; 1];
+    let approach = PerAxis([None; 9]);
+    for found in [
+        compiled.evaluate_batch(&order, &[0.0; 5], approach, &mut errors),
+        compiled.evaluate_batch_parallel(&order, &[0.0; 5], approach, &mut errors),
+        compiled.evaluate_batch(&order[1..], &[0.0; 5], approach, &mut errors),
+    ] {
+        assert!(matches!(found, Err(EvaluatorError::AxisOrder { .. })), "{found:?}");
+    }
+}
+
+/// With held rotary axes and odd counts, every node of a grid has the error of the single pose.
+#[test]
+fn grids_are_the_same_as_single_poses() {
+    for (index, structure) in all_types().iter().enumerate() {
+        let machine = machine(structure, 300 + index as u64);
+        let compiled = machine.compile(Tolerance::default()).unwrap();
+        let mut rng = ChaCha8Rng::seed_from_u64(9);
+        let held = random_state(&machine, &mut rng);
+        let linear: Vec<usize> = (0..machine.axes().len())
+            .filter(|&i| machine.chain().joints()[i].kind == AxisKind::Linear)
+            .collect();
+        let counts = [5, 3, 7];
+        let grid: Vec<(AxisName, Vec<f64>)> = linear
+            .iter()
+            .zip(counts)
+            .map(|(&axis, count)| {
+                (
+                    machine.axes()[axis].name,
+                    (0..count).map(|i| 97.0 * f64::from(i) - 300.0).collect(),
+                )
+            })
+            .collect();
+        let compiled_grid = compiled.linear_grid(&grid, &held).unwrap();
+        assert_eq!(compiled_grid.len(), 105);
+        let mut errors = vec![0.0; 6 * 105];
+        let mut parallel = errors.clone();
+        compiled_grid.fill_rows(0, &mut errors);
+        compiled_grid.fill_parallel(&mut parallel);
+        assert_eq!(errors, parallel);
+        let largest = errors.iter().fold(0.0_f64, |m, e| m.max(e.abs()));
+        for (node, found) in errors.chunks(6).enumerate() {
+            let mut state = held;
+            state.q[linear[0]] = grid[0].1[node / 21];
+            state.q[linear[1]] = grid[1].1[node / 7 % 3];
+            state.q[linear[2]] = grid[2].1[node % 7];
+            let single = compiled.evaluate(&state);
+            for k in 0..3 {
+                assert!((single.position_mm[k] - found[k]).abs() <= 1e-12 * largest, "{structure}");
+                assert!((single.rotation_rad[k] - found[k + 3]).abs() <= 1e-12 * largest);
+            }
+        }
+        assert!(compiled.linear_grid(&[], &held).is_none());
+        assert!(compiled.linear_grid(&[(grid[0].0, vec![])], &held).is_none());
+        assert!(compiled.linear_grid(&[(AxisName::W, vec![1.0])], &held).is_none());
+        let turned = [grid[1].clone(), grid[0].clone()];
+        assert!(compiled.linear_grid(&turned, &held).is_none());
+    }
 }

@@ -2,13 +2,10 @@
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-mod batches;
 mod blob;
 mod builder;
 mod chord;
-mod compiled;
 mod differential;
-mod in_parts;
 mod machines;
 
 /// Aborts the test on an allocation in a section that forbids it.
