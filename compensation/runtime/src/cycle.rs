@@ -18,12 +18,9 @@ use volcomp_vocabulary::{PerAxis, PerChannel};
 use self::lag::Lag;
 use crate::{
     error::{OrderRefusal, PlanError, StartError},
-    model::{CoupledCorrection, Model},
-    path::ControlPath,
+    model::{CoupledCorrection, Model, Replacement},
+    path::{ControlPath, MachinePosition, PositionReader},
     plan::check_together,
-    positions::MachinePosition,
-    reader::PositionReader,
-    replacement::Replacement,
     report::{CycleInput, Report},
     sensors::Sensors,
     settings::Rapid,

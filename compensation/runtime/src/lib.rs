@@ -6,10 +6,7 @@ mod error;
 mod model;
 mod path;
 mod plan;
-mod positions;
-mod reader;
 mod realtime;
-mod replacement;
 mod report;
 mod sensors;
 mod settings;
@@ -18,25 +15,23 @@ mod standby;
 pub use clock::{monotonic, thread_time, tick};
 pub use cycle::{Cycle, CycleDurations};
 pub use error::{OrderRefusal, PlanError, StartError};
-pub use model::{CoupledCorrection, LargestMove, Model, ModelCorrection, rotary_step_error};
-pub use path::{ControlPath, next_owner};
+pub use model::{
+    CoupledCorrection, LargestMove, Model, ModelCorrection, Replacement, rotary_step_error,
+};
+pub use path::{ControlPath, PositionReader, ReaderPlan, next_owner};
 pub use plan::{PathPlan, SHIFT_STEPS, UncorrectedAxis, UncorrectedReason};
-pub use reader::{PositionReader, ReaderPlan};
 pub use realtime::{
     DisarmSwitch, Handle, ManualCycles, Order, Pulse, reference_work, schedule, start, start_manual,
 };
-pub use replacement::Replacement;
 pub use report::{Change, CycleInput, PathReport, Report, Timing, ToolError};
 pub use sensors::Sensors;
 pub use settings::{
     AxisSettings, BarrierSettings, GuardSettings, PathSettings, Rapid, Realtime, WithoutBarrier,
 };
-
-/// Temperature reports.
-pub use volcomp_guard::{MAX_SENSORS, SensorFlaw, SensorReport};
-
 /// The guard: requests, states and reasons.
 pub use volcomp_guard as guard;
+/// Temperature reports.
+pub use volcomp_guard::{MAX_SENSORS, SensorFlaw, SensorReport};
 /// Chains, states and corrections.
 pub use volcomp_kinematics as kinematics;
 /// The machine file, from which [`Model`] is compiled.

@@ -1,15 +1,16 @@
 //! The machine model that a cycle evaluates. State: the lags of its thermal terms.
 
-use volcomp_guard::PositionLimits;
+mod largest_move;
+
+use std::{ops::Deref, time::Duration};
+
+use volcomp_guard::{MAX_SENSORS, PositionLimits, SensorReport};
 use volcomp_kinematics::{Correctors, Pose, State, nalgebra::Vector3, skew_part};
 use volcomp_model::{Axis, CompiledMachine, Fading, Machine, ModelError, ThermalState, Tolerance};
 use volcomp_port::Description;
 use volcomp_vocabulary::{AxisName, Displacement, Mm, PerAxis, Rad, is_within};
 
 use crate::{report::ToolError, settings::Rapid};
-
-mod largest_move;
-mod nodes;
 
 pub use largest_move::LargestMove;
 
@@ -79,7 +80,7 @@ pub struct Model {
     nodes: Vec<Vec<f64>>,
     /// Positions along each axis at which the curves must be sampled to find their extremes: the nodes, and positions between them.
     places: Vec<Vec<f64>>,
-    grids: Vec<nodes::GridNodes>,
+    grids: Vec<largest_move::GridNodes>,
     /// Whether errors depend on the direction of approach, by axis.
     reverses: Vec<bool>,
     /// Longest lever from the axis line of each rotary axis to the tool tip over the work space, mm.
@@ -114,10 +115,10 @@ impl Model {
                 .collect(),
             goes_round: machine.axes().iter().map(|axis| axis.modulo.is_some()).collect(),
             ranges: PerAxis::from_fn(|index| machine.axes().get(index).and_then(position_range)),
-            nodes: nodes::in_mm_or_rad(machine, machine.nodes()),
-            places: nodes::in_mm_or_rad(machine, machine.places()),
-            grids: nodes::grids(machine),
-            reverses: nodes::reverses(machine),
+            nodes: largest_move::in_mm_or_rad(machine, machine.nodes()),
+            places: largest_move::in_mm_or_rad(machine, machine.places()),
+            grids: largest_move::grids(machine),
+            reverses: largest_move::reverses(machine),
             axes,
             levers_mm: PerAxis::ZERO,
             compiled: machine.compile(Tolerance::default())?,
@@ -453,6 +454,50 @@ fn moved(state: &State, delta: &PerAxis<f64>) -> State {
 /// tip from the axis line.
 pub fn rotary_step_error(lever_mm: f64, step: Rad) -> Mm {
     Mm(0.5 * step.0.abs() * lever_mm)
+}
+
+/// A model, and the index of the temperature of each of its sensors among those of a cycle.
+pub struct Replacement {
+    model: Box<Model>,
+    places: Vec<Option<usize>>,
+    degc: Vec<Option<f64>>,
+}
+
+impl Replacement {
+    /// Assigns the sensors of a model to the temperatures with these names.
+    pub fn new(model: Box<Model>, names: &[String]) -> Self {
+        let wanted = model.sensors();
+        let places = wanted.iter().map(|wanted| names.iter().position(|name| name == wanted));
+        Self { places: places.collect(), degc: vec![None; wanted.len()], model }
+    }
+
+    /// Takes over the thermal lags of the replaced model. Does not allocate.
+    pub(crate) fn carry_over(&mut self, from: &Self) {
+        self.model.carry_over(&from.model);
+    }
+
+    /// Advances the thermal terms by `dt` with the temperatures of a cycle, after the program was paused for `stood`. Returns whether a
+    /// term lacks its sensor. Does not allocate.
+    pub(crate) fn warm(
+        &mut self,
+        dt: Duration,
+        stood: Duration,
+        sensors: &[SensorReport; MAX_SENSORS],
+    ) -> bool {
+        for (degc, place) in self.degc.iter_mut().zip(&self.places) {
+            *degc = place.and_then(|place| sensors.get(place)).and_then(|sensor| sensor.degc);
+        }
+        self.model.stand(stood.as_secs_f64());
+        self.model.step(dt.as_secs_f64(), &self.degc)
+    }
+}
+
+impl Deref for Replacement {
+    type Target = Model;
+
+    fn deref(&self) -> &Model {
+        &self.model
+    }
 }
 
 #[cfg(test)]

@@ -1,6 +1,10 @@
-//! One controller path of a cycle. State: the last answer of the controller, and the applied correction as far as it is known.
+//! The controllers of a cycle: paths that write, readers that are never written, and the machine position combined from their last positions.
+//! State: the last answer of each controller, and the applied correction as far as it is known.
 
-use std::time::{Duration, Instant};
+use std::{
+    io,
+    time::{Duration, Instant},
+};
 
 use volcomp_guard::{
     BarrierLink, CorrectionReport, Interlock, Limits, LimitsError, ReadBack, ReadBackStatus,
@@ -11,15 +15,15 @@ use volcomp_guard::{
 };
 use volcomp_kinematics::Correctors;
 use volcomp_port::{Controller, Description, Fault, ShownStates, Snapshot, UnfitAxes, Words};
-use volcomp_vocabulary::{AxisName, Mm, PerAxis, PerChannel};
+use volcomp_vocabulary::{AxisName, MAX_AXES, Mm, PerAxis, PerChannel};
 
 use crate::{
     clock::monotonic,
     error::PlanError,
     model::Model,
-    plan::{PathPlan, left_to, names, reversals, steps_in_machine},
-    positions::ReportedPositions,
+    plan::{PathPlan, left_to, names, place_in, position_steps, reversals, steps_in_machine},
     report::PathReport,
+    settings::PathSettings,
     standby::{ControllerSlot, STANDBY_INTERVAL, StandbyReading},
 };
 
@@ -383,7 +387,7 @@ fn link(plan: &PathPlan, owner: u16) -> Result<Option<BarrierLink>, PlanError> {
 }
 
 /// Interlocks of a reading whose flags have this age; flags older than `hold` are unknown.
-pub(crate) fn interlock_of(
+fn interlock_of(
     reading: &Snapshot,
     shown: ShownStates,
     age: Duration,
@@ -424,4 +428,207 @@ fn owner() -> u16 {
         let by_clock = || u16::try_from(monotonic().subsec_micros() % 65_521).unwrap_or(1);
         drawn.map_or_else(|_| by_clock(), |_| u16::from_ne_bytes(bytes)).max(1)
     })
+}
+
+/// Time without an answer after which the interlocks of this controller are unknown.
+const SILENT: Duration = Duration::from_millis(500);
+
+/// Plan of a read-only controller: checked against the machine, not opened.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReaderPlan {
+    /// The driver's description of the controller.
+    pub description: Description,
+    /// Machine index of each axis whose position the controller reports.
+    pub machine_axis: PerChannel<usize>,
+    /// Travel after which the direction of each reported axis counts as reversed, mm or rad.
+    pub reversal: PerChannel<f64>,
+}
+
+impl ReaderPlan {
+    /// Checks the description of a controller against the machine, and the position steps of the settings.
+    ///
+    /// # Errors
+    /// The first conflict.
+    pub fn new(
+        description: Description,
+        model: &Model,
+        settings: &PathSettings,
+    ) -> Result<Self, PlanError> {
+        description
+            .check()
+            .map_err(|source| PlanError::Axes { device: description.device.clone(), source })?;
+        let mut machine_axis = PerChannel::default();
+        for (place, axis) in machine_axis.iter_mut().zip(description.shown_axes()) {
+            *place = place_in(model, &description, axis)?;
+        }
+        let steps = position_steps(&description, settings)?;
+        Ok(Self { machine_axis, reversal: reversals(&description, &steps, None), description })
+    }
+}
+
+/// A read-only controller.
+///
+/// Invariants:
+/// - Nothing is ever written to the controller.
+/// - `interlock` is that of the last valid reading; `None` after a failed or missing one.
+pub struct PositionReader {
+    device: ControllerSlot,
+    description: Description,
+    pub(crate) reported: ReportedPositions,
+    answered: Option<Duration>,
+    /// Interlocks of the last reading; `None`: the controller did not answer.
+    interlock: Option<Interlock>,
+}
+
+impl PositionReader {
+    /// Creates a reader from an open controller and its plan.
+    pub fn new(controller: Box<dyn Controller>, plan: &ReaderPlan) -> Self {
+        Self {
+            device: ControllerSlot::new(controller),
+            description: plan.description.clone(),
+            reported: ReportedPositions::without_positions(
+                plan.machine_axis,
+                plan.description.shown_axes().count(),
+                plan.reversal,
+            ),
+            answered: None,
+            interlock: None,
+        }
+    }
+
+    pub(crate) fn description(&self) -> &Description {
+        &self.description
+    }
+
+    /// Starts a thread that reads the controller once per `every`; `time_out` limits each exchange.
+    pub(crate) fn start_thread(&mut self, every: Duration, time_out: Duration) -> io::Result<()> {
+        self.device.start_thread(&self.description.device, every)?;
+        self.device.hand_over(time_out);
+        Ok(())
+    }
+
+    /// Processes the answers from the controller's thread; without a thread, reads the controller. `start` is the start of the cycle's
+    /// clock, `hold` the maximum age of positions and flags. Returns the number of failed readings.
+    pub(crate) fn read(
+        &mut self,
+        deadline: Instant,
+        start: Instant,
+        now: Duration,
+        hold: Duration,
+    ) -> u64 {
+        let mut failures = 0;
+        if let Some(controller) = self.device.held_controller() {
+            let read = controller.read(deadline);
+            failures += u64::from(!self.receive(&read, (start, now, hold)));
+        }
+        while let Some(reading) = self.device.next_reading() {
+            let answered = reading.received.saturating_duration_since(start);
+            failures += u64::from(!self.receive(&reading.read, (start, answered, hold)));
+        }
+        // The interlocks are unknown during a hanging exchange.
+        let is_silent = |then: Duration| now.saturating_sub(then) > SILENT;
+        if !self.device.is_held() && self.answered.is_none_or(is_silent) {
+            self.interlock = None;
+        }
+        failures
+    }
+
+    fn receive(
+        &mut self,
+        read: &Result<Snapshot, Fault>,
+        (start, now, hold): (Instant, Duration, Duration),
+    ) -> bool {
+        let held = |at: Instant| at.saturating_duration_since(start);
+        let age = |at: Instant| now.saturating_sub(held(at));
+        // A device that only repeats old data counts as not answering.
+        let young = (*read).ok().filter(|read| age(read.youngest()) <= hold);
+        let shown = self.description.shown;
+        self.interlock = young.map(|read| interlock_of(&read, shown, age(read.state_taken), hold));
+        let Some(snapshot) = young else {
+            return false;
+        };
+        self.answered = Some(now);
+        self.reported.store(&snapshot.positions, held(snapshot.taken));
+        true
+    }
+
+    /// Interlocks of the last reading; `None`: the controller did not answer.
+    pub(crate) fn interlock(&self) -> Option<Interlock> {
+        self.interlock
+    }
+
+    pub(crate) fn report(&self, now: Duration) -> PathReport {
+        PathReport {
+            answered: self.answered.map(|then| now.saturating_sub(then)),
+            positions: self.reported.taken.map(|then| now.saturating_sub(then)),
+            ..PathReport::default()
+        }
+    }
+}
+
+/// Axes reported by a controller, in channel order, and their last positions.
+///
+/// Invariants:
+/// - Once `taken` is set, all `positions` are finite and were valid at this time.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ReportedPositions {
+    /// Machine index of each axis; the axes that the controller writes come first.
+    pub(crate) machine_axis: PerChannel<usize>,
+    count: usize,
+    /// Travel after which the direction of each axis counts as reversed, mm or rad.
+    pub(crate) reversal: PerChannel<f64>,
+    /// Positions without correction, mm or rad, valid at `taken`.
+    positions: PerChannel<f64>,
+    pub(crate) taken: Option<Duration>,
+}
+
+impl ReportedPositions {
+    fn without_positions(
+        machine_axis: PerChannel<usize>,
+        count: usize,
+        reversal: PerChannel<f64>,
+    ) -> Self {
+        Self { machine_axis, count, reversal, positions: PerChannel::ZERO, taken: None }
+    }
+
+    /// Stores positions that were valid at `taken`; if one of them is NaN, none is stored.
+    pub(crate) fn store(&mut self, positions: &PerChannel<f64>, taken: Duration) {
+        if positions.iter().take(self.count).all(|q| q.is_finite()) {
+            (self.positions, self.taken) = (*positions, Some(taken));
+        }
+    }
+
+    /// Last position of a machine axis (mm or rad) and the time at which it was valid; `None` if none was reported.
+    pub(crate) fn position_of(&self, machine_axis: usize) -> Option<(f64, Duration)> {
+        Some((self.positions[self.place_of(machine_axis)?], self.taken?))
+    }
+
+    /// Travel after which the direction of a machine axis counts as reversed, mm or rad; `None` if the controller does not report the axis.
+    pub(crate) fn reversal_of(&self, machine_axis: usize) -> Option<f64> {
+        Some(self.reversal[self.place_of(machine_axis)?])
+    }
+
+    fn place_of(&self, machine_axis: usize) -> Option<usize> {
+        (0..self.count).find(|&place| self.machine_axis[place] == machine_axis)
+    }
+}
+
+#[derive(Default)]
+pub(crate) struct MachinePosition {
+    /// Positions without correction, mm and rad.
+    pub(crate) positions: PerAxis<f64>,
+    /// Time at which each position was valid; zero for a configured fixed position.
+    pub(crate) taken: PerAxis<Duration>,
+    /// Bit mask of the known positions: bit 0 is the first axis.
+    pub(crate) known: u16,
+    /// Time at which the oldest reported position was valid; `None`: none was reported.
+    pub(crate) oldest: Option<Duration>,
+    /// Time at which the oldest position from another controller was valid; `None`: the path itself reports all known ones.
+    pub(crate) oldest_of_others: Option<Duration>,
+}
+
+impl MachinePosition {
+    pub(crate) fn is_complete(&self, axes: usize) -> bool {
+        self.known == u16::MAX >> (16 - axes.min(MAX_AXES))
+    }
 }

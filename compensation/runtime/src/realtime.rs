@@ -22,7 +22,7 @@ use crate::{
     clock::{Deadlines, monotonic, thread_time},
     cycle::{Cycle, CycleDurations},
     error::{OrderRefusal, StartError},
-    replacement::Replacement,
+    model::Replacement,
     report::{Change, CycleInput, Report, Timing},
     settings::Realtime,
 };

@@ -1,7 +1,6 @@
 //! The runtime on simulated machines, with clocks that the tests advance.
 
 mod coupled;
-mod ends_of_travel;
 mod exact;
 mod held;
 mod lag;
@@ -10,13 +9,8 @@ mod limited;
 mod outside_travel;
 mod paths;
 mod plan;
-mod raised_slew;
-mod reads;
-mod reversals;
 mod rig;
 mod silence;
-mod slow_ways;
-mod standby;
 mod thermal;
 mod thread;
 mod ways;
