@@ -1,16 +1,17 @@
+//! The guard, and what it remembers of the corrections that it sent: which of them may still arrive, so that a read-back beyond the limit of an
+//! axis is accepted if this guard sent or confirmed it before the limit was lowered or the path changed; and how far the next word may differ
+//! from each earlier one, at most by the slew plus one step over every time window, even if the correction was restarted in between.
+
 use core::time::Duration;
 
-use volcomp_vocabulary::PerChannel;
+use volcomp_vocabulary::{MAX_AXES, PerChannel};
 
 use crate::{
-    Confirmed, Inputs, Limits, LimitsError, Output, ReadBackStatus, Reading, Reasons, Request,
-    RequestedCorrection, Scheme, Vector,
-    accepted_range::AcceptedRange,
-    ceiling,
-    corridor::Corridor,
+    Confirmed, Inputs, Limits, LimitsError, Output, ReadBackStatus, Reading, Reasons,
+    RequestedCorrection, Scheme, Vector, ceiling,
     proof::{MotionHistory, Proof, Verdict},
     read_back::are_equal,
-    state::{Cause, Facts, Hold, Phase, State},
+    state::{Cause, Facts, Hold, Phase, Request, State},
     step::{ROUNDING, ROUNDING_STEPS, is_same_step, one_step},
 };
 
@@ -706,5 +707,209 @@ impl Guard {
             self.vector.begin_line(goal);
         }
         self.vector.advance_line(limits, dt_s);
+    }
+}
+
+/// Maximum time between sending a word and a reading that still shows the word. A barrier accepts only one frame per
+/// path delay, because all frames sent while a report is in transit answer the same report. The barrier may therefore
+/// still move towards a frame sent one delay before the last frame.
+fn longest_visible(limits: &Limits) -> Duration {
+    limits.longest_delay().saturating_mul(2)
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct SentRange {
+    /// Largest absolute word of each axis, mm or rad.
+    largest: PerChannel<f64>,
+    /// Highest slew limit of each axis while these corrections were sent, mm/s or rad/s.
+    slew_per_s: PerChannel<f64>,
+}
+
+/// State of the guard. Call `narrow` or `accept` in each cycle, then `pass`, then `send`: words that expire in a cycle
+/// are still included in `narrow` and `accept`.
+///
+/// Invariants:
+/// - `largest` is at least the limit of each axis.
+/// - Every word that may still be in transit counts in `recent` or `earlier`.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct AcceptedRange {
+    largest: PerChannel<f64>,
+    /// Range of the words sent recently.
+    recent: SentRange,
+    /// Range of the words sent in the interval before `recent`.
+    earlier: SentRange,
+    /// Readings valid at this time or later show no effect of the `earlier` words.
+    earlier_until: Duration,
+}
+
+impl AcceptedRange {
+    pub(crate) fn within(limits: &Limits) -> Self {
+        Self { largest: limits.of_axes(|axis| axis.limit), ..Self::default() }
+    }
+
+    fn is_exceeded_by(&self, values: &PerChannel<f64>, limits: &Limits) -> bool {
+        let is_beyond =
+            |i: usize| values[i].abs() > self.largest[i] + one_step(limits.axes[i].resolution);
+        limits.places().any(is_beyond)
+    }
+
+    /// Highest slew of an axis among the words that may still arrive, mm/s or rad/s.
+    pub(crate) fn slew_per_s(&self, axis: usize) -> f64 {
+        self.recent.slew_per_s[axis].max(self.earlier.slew_per_s[axis])
+    }
+
+    /// Largest absolute correction that may be applied, now or by words that are still in transit. `present` is the larger of the absolute
+    /// output and the absolute confirmed correction.
+    fn may_be_applied(&self, axis: usize, present: &PerChannel<f64>) -> f64 {
+        let sent = self.recent.largest[axis].max(self.earlier.largest[axis]);
+        present[axis].max(sent)
+    }
+
+    /// Reduces the largest accepted correction of each axis to the correction that may still be applied, but not below
+    /// the limit of the axis. `present`: see `may_be_applied`.
+    fn narrow(&mut self, present: &PerChannel<f64>, limits: &Limits) {
+        for (i, axis) in limits.axes.iter().enumerate().take(limits.count) {
+            let left = self.largest[i].min(self.may_be_applied(i, present));
+            self.largest[i] = axis.limit.max(left);
+        }
+    }
+
+    pub(crate) fn accept(&mut self, present: &PerChannel<f64>, limits: &Limits) {
+        for (i, axis) in limits.axes.iter().enumerate().take(limits.count) {
+            self.largest[i] = axis.limit.max(self.may_be_applied(i, present));
+        }
+    }
+
+    /// Removes words sent long before `confirmed`, the time of the last confirmation: they can no
+    /// longer arrive.
+    pub(crate) fn pass(&mut self, now: Duration, confirmed: Duration, limits: &Limits) {
+        if confirmed >= self.earlier_until {
+            (self.earlier, self.recent) = (self.recent, SentRange::default());
+            self.earlier_until = now.saturating_add(longest_visible(limits));
+        }
+    }
+
+    /// Records words (mm, rad) as sent.
+    pub(crate) fn send(&mut self, words: &PerChannel<f64>, limits: &Limits) {
+        let SentRange { largest, slew_per_s } = &mut self.recent;
+        for (i, axis) in limits.axes.iter().enumerate().take(limits.count) {
+            largest[i] = largest[i].max(words[i].abs());
+            slew_per_s[i] = slew_per_s[i].max(axis.slew_per_s);
+        }
+    }
+
+    /// Switches to another path, which writes from `now` on. `places` is the index of each of its axes on the previous path, whose limits were
+    /// `before`; `present_before` bounds the absolute values of output and control there.
+    fn take_path(
+        &mut self,
+        now: Duration,
+        places: &PerChannel<Option<usize>>,
+        present_before: &PerChannel<f64>,
+        before: &Limits,
+        limits: &Limits,
+    ) {
+        let count = before.count.min(MAX_AXES);
+        let carried = |of: &dyn Fn(usize) -> f64| {
+            PerChannel::from_fn(|i| {
+                let place = places[i].filter(|place| *place < count && i < limits.count);
+                place.map_or(0.0, of)
+            })
+        };
+        let sent = SentRange {
+            largest: carried(&|place| {
+                self.largest[place].min(self.may_be_applied(place, present_before))
+            }),
+            slew_per_s: carried(&|place| self.slew_per_s(place)),
+        };
+        let most = limits.of_axes(|axis| axis.limit);
+        self.largest = PerChannel::from_fn(|i| sent.largest[i].max(most[i]));
+        // The last words of the previous path may arrive as late as on that path.
+        (self.recent, self.earlier) = (sent, sent);
+        self.earlier_until =
+            now.saturating_add(longest_visible(before).max(longest_visible(limits)));
+    }
+}
+
+/// Range of the next word of each axis; state of the guard.
+///
+/// Invariants:
+/// - The range of an axis is not empty, except for rounding.
+/// - Every value in the range differs from each earlier word by at most the slew since that word plus one step, unless
+///   a cause outside the guard has moved the axis out of the range.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Corridor {
+    lowest: PerChannel<f64>,
+    highest: PerChannel<f64>,
+    sent: PerChannel<f64>,
+}
+
+impl Corridor {
+    /// The range around applied values (mm, rad), without earlier words.
+    pub(crate) fn about(values: &PerChannel<f64>, limits: &Limits) -> Self {
+        let step = limits.of_axes(|axis| axis.resolution);
+        Self {
+            lowest: PerChannel::from_fn(|i| values[i] - step[i]),
+            highest: PerChannel::from_fn(|i| values[i] + step[i]),
+            sent: *values,
+        }
+    }
+
+    /// Converts the range to another path. `places` is the index of each axis of the other path on this path; an axis
+    /// that this path lacks starts at zero.
+    fn on_path(&self, places: &PerChannel<Option<usize>>, limits: &Limits) -> Self {
+        let zero = Self::about(&PerChannel::ZERO, limits);
+        let carried = |from: &PerChannel<f64>, zero: &PerChannel<f64>| {
+            PerChannel::from_fn(|i| places[i].map_or(zero[i], |place| from[place]))
+        };
+        Self {
+            lowest: carried(&self.lowest, &zero.lowest),
+            highest: carried(&self.highest, &zero.highest),
+            sent: carried(&self.sent, &zero.sent),
+        }
+    }
+
+    /// Restarts at applied values (mm, rad). The range of an axis is kept if it contains the value; otherwise the range
+    /// restarts at the value.
+    pub(crate) fn begin(&mut self, values: &PerChannel<f64>, limits: &Limits) {
+        let before = *self;
+        *self = Self::about(values, limits);
+        for i in limits.places() {
+            if before.contains(i, values[i], limits) {
+                self.lowest[i] = self.lowest[i].max(before.lowest[i]);
+                self.highest[i] = self.highest[i].min(before.highest[i]);
+                self.sent[i] = before.sent[i];
+            }
+        }
+    }
+
+    /// Tightens the range to one step around the last sent words, because no other words were sent since. Axes whose
+    /// words are outside `between`, the lowest and highest values that may be applied, are unchanged.
+    fn stay(&mut self, between: &[PerChannel<f64>; 2], limits: &Limits) {
+        let [lowest, highest] = between;
+        for (i, axis) in limits.axes.iter().enumerate().take(limits.count) {
+            let (sent, rounding) = (self.sent[i], ROUNDING_STEPS * axis.resolution);
+            if (lowest[i] - rounding..=highest[i] + rounding).contains(&sent) {
+                self.lowest[i] = self.lowest[i].max(sent - axis.resolution);
+                self.highest[i] = self.highest[i].min(sent + axis.resolution);
+            }
+        }
+    }
+
+    fn widen(&mut self, limits: &Limits, dt_s: f64) {
+        for (i, axis) in limits.axes.iter().enumerate().take(limits.count) {
+            self.lowest[i] -= axis.slew_per_s * dt_s;
+            self.highest[i] += axis.slew_per_s * dt_s;
+        }
+    }
+
+    pub(crate) fn contains(&self, axis: usize, word: f64, limits: &Limits) -> bool {
+        let rounding = ROUNDING_STEPS * limits.axes[axis].resolution;
+        (self.lowest[axis] - rounding..=self.highest[axis] + rounding).contains(&word)
+    }
+
+    /// Tightens the range around the words (mm, rad) being sent.
+    fn narrow(&mut self, words: &PerChannel<f64>, limits: &Limits) {
+        self.sent = *words;
+        self.stay(&[*words; 2], limits);
     }
 }

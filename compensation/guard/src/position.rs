@@ -1,8 +1,10 @@
-//! Plausibility of reported positions: within travel, and reachable since the last accepted position.
+//! Reported positions: their plausibility, within travel and reachable since the last accepted position, and the direction of travel.
 
 use core::time::Duration;
 
-use crate::step::shortest_way;
+use volcomp_vocabulary::{AxisKind, Direction, TURNED_AFTER, TURNED_AFTER_ROTARY};
+
+use crate::{AxisLimits, step::shortest_way};
 
 /// Maximum error of a position's timestamp in either direction, s.
 const TIMESTAMP_UNCERTAINTY_S: f64 = 0.025;
@@ -222,4 +224,187 @@ fn leads_to(limits: &PositionLimits, from: (f64, Duration), to: (f64, Duration))
     let way = shortest_way(to.0 - from.0, limits.turn).abs();
     let passed_s = to.1.abs_diff(from.1).as_secs_f64();
     way <= limits.speed * (passed_s + 2.0 * TIMESTAMP_UNCERTAINTY_S)
+}
+
+/// Travel (mm or rad) after which an axis is treated as reversed: 5 µm (rotary axes: 5e-4 deg), or two steps of its
+/// reported position plus the apparent travel at standstill, whichever is larger.
+///
+/// `position_step` is the resolution of the reported position, mm or rad: a flickering count is not a reversal.
+///
+/// Apparent travel occurs if reported positions contain the correction. The correction is then subtracted as read back,
+/// and `delay` is the maximum time between a change of the position and the change of the read-back. In this time the
+/// correction moves by up to the slew times `delay` plus one step, and an axis at standstill seems to travel by the
+/// same amount. A reversal derived from apparent travel would change the correction, which would reverse the axis again
+/// and again.
+#[must_use]
+pub fn reversal_threshold(limits: &AxisLimits, position_step: f64, delay: Duration) -> f64 {
+    let least = match limits.kind {
+        AxisKind::Linear => TURNED_AFTER.0,
+        AxisKind::Rotary => TURNED_AFTER_ROTARY.to_rad().0,
+    };
+    let lag = if limits.includes_correction {
+        limits.slew_per_s * delay.as_secs_f64() + limits.resolution
+    } else {
+        0.0
+    };
+    // A NaN step is treated as 0.
+    let steps = 2.0 * position_step.max(0.0);
+    least.max(steps + lag)
+}
+
+/// Number of compared readings.
+const READINGS: usize = 5;
+/// Number of compared readings that must agree. Two wrong readings in any five have no effect, because at least one of
+/// three readings that agree is correct.
+const AGREE: u32 = 3;
+/// Number of whole turns in one direction after which whole turns are subtracted from the positions.
+const MANY_TURNS: f64 = 1000.0;
+const ALL: u8 = (1 << READINGS) - 1;
+
+/// Direction of the last motion of an axis, kept at standstill. It changes only after travel over a threshold from the last extreme, so that
+/// neither noise nor a correction changes it. Three of the last five readings must show the travel, and three of five must have reached the
+/// extreme: up to two wrong positions in any five have no effect. State: the last readings, the extreme, the readings beyond the threshold, and the
+/// direction.
+///
+/// Invariants:
+/// - `count` ≤ `seen` ≤ `READINGS`; only `positions[..count]` were read after the last change of direction.
+/// - `extreme` is set from the fifth reading or the first command on.
+/// - A set bit of `beyond` belongs to a reading since the extreme.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct DirectionMemory {
+    /// Time at which the last reading was valid.
+    taken: Option<Duration>,
+    /// The last positions, newest first, unwrapped.
+    positions: [f64; READINGS],
+    /// Number of stored positions.
+    seen: usize,
+    /// Number of stored positions that may define the extreme.
+    count: usize,
+    extreme: Option<f64>,
+    /// Bit masks of the last readings since the extreme that exceeded the threshold, towards larger and towards smaller positions; the newest
+    /// reading is the lowest bit.
+    beyond: [u8; 2],
+    direction: Option<Direction>,
+}
+
+impl DirectionMemory {
+    /// Updates with the `position` without correction, mm or rad, of a reading valid at `taken`, and returns the
+    /// direction; `None` until the axis has moved by more than the threshold. A repeated reading with the same time
+    /// counts once. `turn` is the travel after which the position wraps (a rotary axis: 2π); the axis must move by less
+    /// than a quarter of `turn` within four readings.
+    pub fn at(
+        &mut self,
+        taken: Duration,
+        position: f64,
+        threshold: f64,
+        turn: Option<f64>,
+    ) -> Option<Direction> {
+        // Unwrap from the last position, not from the extreme, which may be half a turn behind.
+        let last = if self.seen == READINGS { Some(self.amid(None)) } else { self.extreme };
+        let position = last.map_or(position, |last| unrolled(position, last, turn));
+        if !position.is_finite() || self.taken.replace(taken) == Some(taken) {
+            return self.direction;
+        }
+        self.positions.rotate_right(1);
+        self.positions[0] = position;
+        self.seen = (self.seen + 1).min(READINGS);
+        self.count = (self.count + 1).min(READINGS);
+        let Some(extreme) = self.extreme else {
+            if self.seen == READINGS {
+                let amid = self.amid(turn);
+                let positions = self.positions.map(|at| unrolled(at, amid, turn));
+                if positions.iter().all(|at| at.is_finite()) {
+                    self.positions = positions;
+                    self.extreme = Some(self.reached(Direction::Positive));
+                }
+            }
+            return self.direction;
+        };
+        if let Some(direction) = self.direction.filter(|_| self.count >= AGREE as usize) {
+            let reached = self.reached(direction);
+            if (reached - extreme) * direction.sign() > 0.0 {
+                (self.extreme, self.beyond) = (Some(reached), [0; 2]);
+                self.rebase(turn);
+                return self.direction;
+            }
+        }
+        let way = position - extreme;
+        for (seen, direction) in self.beyond.iter_mut().zip(Direction::BOTH) {
+            let is_beyond = way * direction.sign() > threshold;
+            *seen = (*seen << 1 | u8::from(is_beyond)) & ALL;
+        }
+        let agree = |(seen, direction): &(u8, Direction)| {
+            seen.count_ones() >= AGREE && self.direction != Some(*direction)
+        };
+        let turned = self.beyond.into_iter().zip(Direction::BOTH).find(agree);
+        if let Some((seen, direction)) = turned {
+            // The new extreme is the reading nearest to the old extreme: the axis has reached at least this position.
+            let away = |k: &usize| (self.positions[*k] - extreme).abs();
+            let beyond = (0..READINGS).filter(|k| seen >> k & 1 == 1);
+            let nearest = beyond.min_by(|a, b| away(a).total_cmp(&away(b)));
+            (self.extreme, self.direction) = (nearest.map(|k| self.positions[k]), Some(direction));
+            // Earlier readings no longer define the extreme.
+            (self.count, self.beyond) = (0, [0; 2]);
+        }
+        self.direction
+    }
+
+    /// Forgets the direction if the last reading is more than `gap` older than `taken`: the axis may have reversed in between.
+    pub fn forget_after(&mut self, gap: Duration, taken: Duration) {
+        let is_old = |last: Duration| taken.saturating_sub(last) > gap;
+        if self.taken.is_some_and(is_old) {
+            *self = Self::default();
+        }
+    }
+
+    /// The farthest position in a direction that at least `AGREE` of the last readings have reached.
+    fn reached(&self, direction: Direction) -> f64 {
+        let mut positions = self.positions;
+        let counted = &mut positions[..self.count];
+        counted.sort_unstable_by(|a, b| (b * direction.sign()).total_cmp(&(a * direction.sign())));
+        counted[AGREE as usize - 1]
+    }
+
+    /// The position with the smallest sum of distances to the other positions. A median is not defined for positions
+    /// that wrap.
+    fn amid(&self, turn: Option<f64>) -> f64 {
+        let away = |from: &f64| -> f64 {
+            let ways = self.positions.iter().map(|to| shortest_way(to - from, turn));
+            ways.map(f64::abs).sum()
+        };
+        let mut nearest = self.positions[0];
+        for position in &self.positions[1..] {
+            if away(position) < away(&nearest) {
+                nearest = *position;
+            }
+        }
+        nearest
+    }
+
+    /// Subtracts whole turns after many turns in one direction, because large floating-point numbers are less precise.
+    fn rebase(&mut self, turn: Option<f64>) {
+        let (Some(turn), Some(extreme)) = (turn, self.extreme) else {
+            return;
+        };
+        if turn > 0.0 && extreme.abs() > MANY_TURNS * turn {
+            let whole = extreme - shortest_way(extreme, Some(turn));
+            self.extreme = Some(extreme - whole);
+            self.positions = self.positions.map(|at| at - whole);
+        }
+    }
+
+    /// Updates with a `position` and the commanded direction reported by the control. The direction applies at once,
+    /// without a threshold, and earlier readings no longer count.
+    pub fn commanded(&mut self, position: f64, direction: Direction) -> Option<Direction> {
+        if position.is_finite() {
+            *self = Self { taken: self.taken, extreme: Some(position), ..Self::default() };
+        }
+        self.direction = Some(direction);
+        self.direction
+    }
+}
+
+/// Unwraps a position that wraps after a `turn`: the equivalent position nearest to `to`.
+fn unrolled(position: f64, to: f64, turn: Option<f64>) -> f64 {
+    to + shortest_way(position - to, turn)
 }

@@ -1,19 +1,13 @@
 //! The correction of all axes as one vector: coupled components are limited, ramped and moved together, and quantised last.
 
-mod cycle;
-mod requested_correction;
-
 use core::time::Duration;
 
 use volcomp_vocabulary::{AxisKind, MAX_AXES, PerChannel};
 
-use crate::{Limits, step::is_on_grid};
-use cycle::{
-    ARRIVED_STEPS, Advance, Cycle, braking_part, linear_word, rotary_word, span, stopping_part,
-    stopping_rate, within,
+use crate::{
+    AxisLimits, Limits,
+    step::{ROUNDING_STEPS, is_on_grid, on_grid, whole_below},
 };
-use requested_correction::reach;
-pub use requested_correction::{FollowResult, RequestedCorrection};
 
 /// Remaining part of a ramp below which it completes in one cycle.
 const SMALLEST_PART: f64 = 1e-6;
@@ -563,4 +557,413 @@ impl Vector {
         }
         (behind, share.part)
     }
+}
+
+/// Number of reduced rotary shares that are tried if no neighbouring whole steps fit the limits.
+const SHARES: u32 = 8;
+
+/// The correction by a model, in channel order. A share is the displacement of one axis. For any rotary shares δ_r
+/// during a motion, the matching linear shares are `position` + Σ `follow[r]`·δ_r.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct RequestedCorrection {
+    /// Linear shares of the position error while no rotary axis moves, mm; zero for rotary axes.
+    pub position: PerChannel<f64>,
+    /// The shares of the rotary axes, rad; zero for linear axes.
+    pub rotary: PerChannel<f64>,
+    /// For each rotary axis r and linear axis l, `follow[r][l]` is the movement of l per movement
+    /// of r that keeps the tool tip in place, mm/rad. All other entries are zero.
+    pub follow: PerChannel<PerChannel<f64>>,
+}
+
+/// The result of a cycle that followed the requested correction.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[allow(clippy::struct_excessive_bools, reason = "four answers that do not exclude one another")]
+pub struct FollowResult {
+    /// Slew or acceleration limits the correction: the ramp, rotary axes on the way to their goal, or linear axes
+    /// (`behind`).
+    pub slewing: bool,
+    /// Whether a linear axis has not reached the position for the present rotary shares. Implies `slewing`. If false,
+    /// and if the limits of the linear axes permit this position, the error of the tool exceeds neither the error
+    /// without correction nor the error at the start of the ramp, apart from the rounding of the output.
+    pub behind: bool,
+    /// A limit allows only a part of the requested correction.
+    pub limited: bool,
+    /// The requested correction of an axis exceeds its warning threshold.
+    pub warned: bool,
+}
+
+impl RequestedCorrection {
+    /// The correction of a machine without corrected rotary axes.
+    pub fn linear(position: PerChannel<f64>) -> Self {
+        Self { position, ..Self::default() }
+    }
+
+    /// The whole correction without limits, mm and rad.
+    pub fn full(&self) -> PerChannel<f64> {
+        let following = self.following(&self.rotary);
+        PerChannel::from_fn(|i| self.position[i] + following[i] + self.rotary[i])
+    }
+
+    /// Compares the request with the limits; `part` is the fraction of the position share that the limits allow.
+    fn judged(&self, part: f64, limits: &Limits) -> FollowResult {
+        let full = self.full();
+        let over = |most: fn(&AxisLimits) -> f64| {
+            let mut axes = limits.axes.iter().zip(&full).take(limits.count);
+            axes.any(|(axis, full)| full.abs() > most(axis) + ROUNDING_STEPS * axis.resolution)
+        };
+        FollowResult {
+            limited: part < 1.0 || over(|axis| axis.limit),
+            warned: over(|axis| axis.warn),
+            ..FollowResult::default()
+        }
+    }
+
+    /// Movement of the linear axes that follows these rotary shares, mm.
+    fn following(&self, rotary: &PerChannel<f64>) -> PerChannel<f64> {
+        let mut following = PerChannel::ZERO;
+        for (row, share) in self.follow.iter().zip(rotary) {
+            if *share != 0.0 {
+                for (sum, follow) in following.iter_mut().zip(row) {
+                    *sum += follow * share;
+                }
+            }
+        }
+        following
+    }
+
+    pub(crate) fn is_finite(&self) -> bool {
+        let finite = |values: &PerChannel<f64>| values.iter().all(|x| x.is_finite());
+        finite(&self.position) && finite(&self.rotary) && self.follow.iter().all(finite)
+    }
+
+    /// Goal of the rotary axes, rad, in whole steps. It is the largest fraction of their shares with which every axis
+    /// stays within its limit while the linear axes also apply `position`; zero if no fraction fits. Steps near the
+    /// previous goal `before` are preferred (hysteresis).
+    fn rotary_goal(
+        &self,
+        position: &PerChannel<f64>,
+        before: &PerChannel<f64>,
+        limits: &Limits,
+    ) -> PerChannel<f64> {
+        let reach = reach(limits);
+        let following = self.following(&self.rotary);
+        let along = PerChannel::from_fn(|i| following[i] + self.rotary[i]);
+        let Some(part) = largest_part(position, &along, &reach) else {
+            return PerChannel::ZERO;
+        };
+        let exact = self.rotary.map(|share| part * share);
+        let rounded = rotary_of(limits, |i| {
+            let axis = &limits.axes[i];
+            let most = axis.reachable();
+            quantised(before[i], exact[i], axis.resolution).max(-most).min(most)
+        });
+        if self.fits(position, &rounded, &reach) {
+            return rounded;
+        }
+        // Rounding exceeded the limit of a linear axis. The nearest whole steps within all limits are used, going
+        // towards zero.
+        (0..=SHARES)
+            .rev()
+            .find_map(|share| {
+                let part = f64::from(share) / f64::from(SHARES);
+                let exact = exact.map(|whole| part * whole);
+                self.nearest_steps(position, &exact, limits, &reach)
+            })
+            .unwrap_or_default()
+    }
+
+    /// The nearest whole steps to the rotary shares (rad) with which every axis stays within its reach.
+    fn nearest_steps(
+        &self,
+        position: &PerChannel<f64>,
+        exact: &PerChannel<f64>,
+        limits: &Limits,
+        reach: &PerChannel<f64>,
+    ) -> Option<PerChannel<f64>> {
+        // One bit per moving rotary axis: 1 for the step above its share, 0 for the step below.
+        let turning = rotary_of(limits, |i| exact[i]);
+        let all = (0..MAX_AXES).filter(|i| turning[*i] != 0.0).fold(0_usize, |all, i| all | 1 << i);
+        let mut nearest: Option<(f64, PerChannel<f64>)> = None;
+        let mut choice = 0_usize;
+        loop {
+            let mut away = 0.0;
+            let steps = rotary_of(limits, |i| {
+                let (step, share) = (limits.axes[i].resolution, exact[i]);
+                let below = whole_below(share, step);
+                let at = below + if choice >> i & 1 == 1 { step } else { 0.0 };
+                away += (at - share).abs() / step;
+                at
+            });
+            let is_nearer = nearest.is_none_or(|(least, _)| away < least);
+            if is_nearer && self.fits(position, &steps, reach) {
+                nearest = Some((away, steps));
+            }
+            choice = choice.wrapping_sub(all) & all;
+            if choice == 0 {
+                break;
+            }
+        }
+        nearest.map(|(_, steps)| steps)
+    }
+
+    fn fits(
+        &self,
+        position: &PerChannel<f64>,
+        rotary: &PerChannel<f64>,
+        reach: &PerChannel<f64>,
+    ) -> bool {
+        let following = self.following(rotary);
+        let all = PerChannel::from_fn(|i| position[i] + following[i] + rotary[i]);
+        largest_part(&all, &PerChannel::ZERO, reach).is_some()
+    }
+
+    /// The largest fraction of a position share that keeps every linear axis within its reach with the rotary axes at
+    /// `rotary`. If no fraction fits, the middle between the conflicting bounds of the axes is used, so that the output
+    /// does not jump.
+    fn position_part(
+        &self,
+        position: &PerChannel<f64>,
+        rotary: &PerChannel<f64>,
+        reach: &PerChannel<f64>,
+    ) -> f64 {
+        let following = self.following(rotary);
+        let [least, most] = parts(&following, position, reach);
+        let part = if least <= most || least.is_infinite() { most } else { 0.5 * (least + most) };
+        part.clamp(0.0, 1.0)
+    }
+}
+
+/// A value for each rotary axis, zero for all others.
+fn rotary_of(limits: &Limits, mut value: impl FnMut(usize) -> f64) -> PerChannel<f64> {
+    PerChannel::from_fn(|i| {
+        if i < limits.count && limits.axes[i].kind == AxisKind::Rotary { value(i) } else { 0.0 }
+    })
+}
+
+/// Maximum absolute value of each axis, mm and rad: its last step within the limit.
+fn reach(limits: &Limits) -> PerChannel<f64> {
+    let mut reach = PerChannel([f64::INFINITY; MAX_AXES]);
+    for (reach, axis) in reach.iter_mut().zip(&limits.axes).take(limits.count) {
+        *reach = axis.reachable() + ROUNDING_STEPS * axis.resolution;
+    }
+    reach
+}
+
+/// The largest fraction t in [0, 1] with which `base` + t·`along` is within the reach of every axis.
+fn largest_part(
+    base: &PerChannel<f64>,
+    along: &PerChannel<f64>,
+    reach: &PerChannel<f64>,
+) -> Option<f64> {
+    let [least, most] = parts(base, along, reach);
+    (least <= most).then_some(most)
+}
+
+/// The smallest and the largest fraction t in [0, 1] with which `base` + t·`along` is within the reach of every axis.
+/// If no fraction fits, the smallest exceeds the largest.
+fn parts(base: &PerChannel<f64>, along: &PerChannel<f64>, reach: &PerChannel<f64>) -> [f64; 2] {
+    let (mut least, mut most) = (0.0_f64, 1.0_f64);
+    for ((base, along), reach) in base.iter().zip(along).zip(reach) {
+        if along.abs() > 1e-300 {
+            let (low, high) = ((-reach - base) / along, (reach - base) / along);
+            least = least.max(low.min(high));
+            most = most.min(low.max(high));
+        } else if base.abs() > *reach {
+            least = f64::INFINITY;
+        }
+    }
+    [least, most]
+}
+
+/// An axis closer to its goal than this number of steps has arrived.
+const ARRIVED_STEPS: f64 = ROUNDING_STEPS;
+
+struct Cycle<'a> {
+    limits: &'a Limits,
+    dt_s: f64,
+    /// Range of each axis, downwards and upwards, mm or rad.
+    spans: PerChannel<[f64; 2]>,
+    /// Maximum absolute value of each axis, mm or rad: its limit, or its present value if that is
+    /// outside a lowered limit.
+    reach: PerChannel<f64>,
+    /// Acceleration of each axis, mm/s² or rad/s²: its limit, or a higher limit that was valid when the motion started.
+    accel: PerChannel<f64>,
+}
+
+/// The motion that a common factor from 0 to 1 scales in a cycle.
+struct Advance {
+    /// Movement of each rotary axis at factor 0 (maximum braking), rad.
+    least: PerChannel<f64>,
+    /// Movement of each rotary axis at factor 1, rad.
+    most: PerChannel<f64>,
+    /// Fraction by which the remaining ramp shrinks at factor 1.
+    ramp: f64,
+}
+
+impl Cycle<'_> {
+    /// Indices of the used axes.
+    fn places(&self) -> impl Iterator<Item = usize> + use<> {
+        0..self.limits.count.min(MAX_AXES)
+    }
+
+    fn of_kind(&self, kind: AxisKind) -> impl Iterator<Item = usize> + use<'_> {
+        let places = self.places();
+        places.filter(move |i| self.limits.axes[*i].kind == kind)
+    }
+
+    /// The smallest step of an axis, mm or rad.
+    fn step(&self, axis: usize) -> f64 {
+        self.limits.axes[axis].resolution
+    }
+
+    /// Acceleration over distances that the axes of this kind cover together, 1/s². An axis at its goal, to rounding, imposes no limit.
+    fn accel_over(&self, ways: &PerChannel<f64>, kind: AxisKind) -> f64 {
+        self.of_kind(kind)
+            .filter(|i| ways[*i].abs() > ARRIVED_STEPS * self.step(*i))
+            .map(|i| self.accel[i] / ways[i].abs())
+            .fold(f64::INFINITY, f64::min)
+    }
+
+    /// Acceleration over distances that all axes cover together, 1/s².
+    fn accel_over_all(&self, ways: &PerChannel<f64>) -> f64 {
+        self.accel_over(ways, AxisKind::Linear).min(self.accel_over(ways, AxisKind::Rotary))
+    }
+
+    /// Fraction of their remaining distances that axes with a common factor cover in this cycle. The fraction is
+    /// limited by the ramp and by the need to stop at the ends. It covers at least the braking distance, and at most
+    /// the range of each axis.
+    fn part(&self, ways: &PerChannel<f64>, rates: &PerChannel<f64>, ramp: f64, accel: f64) -> f64 {
+        let rate = self.going(ways, rates) / self.dt_s;
+        let part =
+            stopping_part(accel, self.dt_s).min(ramp).max(braking_part(rate, accel, self.dt_s));
+        self.places().map(|i| allowed_part(self.spans[i], ways[i])).fold(part, f64::min)
+    }
+
+    /// Smallest fraction of its distance that an axis would cover at its present rate; 0 if no axis has a distance.
+    fn going(&self, ways: &PerChannel<f64>, rates: &PerChannel<f64>) -> f64 {
+        let part = self
+            .places()
+            .filter(|i| ways[*i] != 0.0)
+            .map(|i| rates[i] / ways[i])
+            .fold(f64::INFINITY, f64::min);
+        if part.is_finite() { part * self.dt_s } else { 0.0 }
+    }
+
+    /// The permitted advance in this cycle: rotary axes cover up to `part` of their distances, and the ramp advances by
+    /// up to `ramp`.
+    fn advance(&self, ways: &PerChannel<f64>, part: f64, ramp: f64) -> Advance {
+        let (mut least, mut most) = (PerChannel::ZERO, PerChannel::ZERO);
+        for i in self.of_kind(AxisKind::Rotary) {
+            least[i] = within(self.spans[i], 0.0);
+            most[i] = within(self.spans[i], part * ways[i]);
+        }
+        Advance { least, most, ramp }
+    }
+}
+
+/// Hysteresis of the quantisation, in steps: half a step plus 20 %. The output changes only if the
+/// value is farther away.
+const HYSTERESIS_STEPS: f64 = 0.6;
+
+/// Largest rate from which an axis stops within `distance` at a constant deceleration, for any lengths of later cycles:
+/// v²/(2a) + v·dt ≤ distance.
+fn stopping_rate(distance: f64, accel: f64, dt_s: f64) -> f64 {
+    if distance <= 0.0 {
+        return 0.0;
+    }
+    // This form avoids the difference of nearly equal numbers, and the square of a possibly huge number.
+    let cycles = 2.0 * distance / (accel * dt_s * dt_s);
+    2.0 * distance / dt_s / (libm::sqrt(1.0 + cycles) + 1.0)
+}
+
+/// Deceleration with which an axis stops within `distance`. It exceeds the configured acceleration only if a limit or
+/// an acceleration was lowered during the motion, and is then at most the previous acceleration, or the deceleration
+/// that the new limit requires.
+fn needed_to_stop(distance: f64, rate: f64, dt_s: f64) -> f64 {
+    if rate <= 0.0 || distance <= 0.0 {
+        return 0.0;
+    }
+    let by_rate = rate * dt_s;
+    rate * rate / (libm::sqrt(distance * distance + by_rate * by_rate) + distance)
+}
+
+/// Range of an axis at position `at` with `rate` in a cycle, downwards and upwards (mm or rad): within slew and
+/// acceleration, and such that the axis never passes its `limit`. Outside the limit the axis can only move inwards.
+fn span(at: f64, rate: f64, slew: f64, accel: f64, limit: f64, dt_s: f64) -> [f64; 2] {
+    let (up, down) = (limit - at, limit + at);
+    let accel = accel.max(needed_to_stop(up, rate, dt_s)).max(needed_to_stop(down, -rate, dt_s));
+    // Slew takes precedence over acceleration, and the limit over both.
+    let within_slew = |rate: f64| rate.max(-slew).min(slew);
+    let (least, most) = (within_slew(rate - accel * dt_s), within_slew(rate + accel * dt_s));
+    let inwards = (-stopping_rate(down, accel, dt_s), stopping_rate(up, accel, dt_s));
+    let lowest = least.max(inwards.0).min(inwards.1);
+    let highest = most.min(inwards.1).max(inwards.0);
+    [lowest * dt_s, highest * dt_s]
+}
+
+fn within([lowest, highest]: [f64; 2], value: f64) -> f64 {
+    value.max(lowest).min(highest)
+}
+
+/// Fraction of `way` that the range of an axis allows.
+fn allowed_part([lowest, highest]: [f64; 2], way: f64) -> f64 {
+    let most = if way > 0.0 { highest } else { -lowest };
+    if way == 0.0 { 1.0 } else { (most / way.abs()).clamp(0.0, 1.0) }
+}
+
+/// Fraction of the remaining distance that can be covered in a cycle with a stop at its end; `accel` is the acceleration over the total distance,
+/// 1/s².
+fn stopping_part(accel: f64, dt_s: f64) -> f64 {
+    (stopping_rate(1.0, accel, dt_s) * dt_s).min(1.0)
+}
+
+/// Fraction of the remaining distance covered in a cycle of braking from `rate`, 1/s, with `accel`, 1/s².
+fn braking_part(rate: f64, accel: f64, dt_s: f64) -> f64 {
+    // An infinite acceleration stops at once.
+    ((rate - accel * dt_s) * dt_s).clamp(0.0, 1.0)
+}
+
+/// The step within the hysteresis that changes the output least. Over any time, the output therefore changes by at most
+/// one step more than the smooth value. An output between two steps is first rounded to the nearest step; the next step
+/// is at most one step away from it.
+fn quantised(output: f64, smooth: f64, step: f64) -> f64 {
+    let output = on_grid(output, step);
+    let away = (smooth - output) / step;
+    if away.abs() <= HYSTERESIS_STEPS {
+        return output;
+    }
+    let steps = smooth / step;
+    // A rounding error must not be treated as a step.
+    let steps = if away > 0.0 {
+        libm::ceil(steps - HYSTERESIS_STEPS - 1e-9)
+    } else {
+        libm::floor(steps + HYSTERESIS_STEPS + 1e-9)
+    };
+    steps * step
+}
+
+fn linear_word(output: f64, smooth: f64, axis: &AxisLimits) -> f64 {
+    inside(quantised(output, smooth, axis.resolution), smooth, axis)
+}
+
+/// The word of a rotary axis. It is rounded without hysteresis, because the share of the axis is on whole steps.
+fn rotary_word(output: f64, smooth: f64, axis: &AxisLimits) -> f64 {
+    let step = axis.resolution;
+    let output = on_grid(output, step);
+    let word = if (smooth - output).abs() <= (0.5 + 1e-9) * step {
+        output
+    } else {
+        libm::round(smooth / step) * step
+    };
+    inside(word, smooth, axis)
+}
+
+/// Returns `word`; if it exceeds both the limit and the unrounded value `smooth`, returns `smooth` rounded towards zero
+/// to a whole step.
+fn inside(word: f64, smooth: f64, axis: &AxisLimits) -> f64 {
+    let rounding = ROUNDING_STEPS * axis.resolution;
+    if word.abs() <= axis.limit + rounding || word.abs() <= smooth.abs() + rounding {
+        return word;
+    }
+    whole_below(smooth.abs(), axis.resolution).copysign(smooth)
 }

@@ -1,6 +1,8 @@
-//! The reference barrier in the control of a simulated machine: motion of the axes under any fault of the wire.
+//! The reference barrier as the program of a simulated control: motion of the axes under any fault of the wire, and the tip
+//! error of a five-axis correction while the rotary axes move.
 
 use std::{
+    collections::VecDeque,
     sync::{Arc, atomic::Ordering},
     time::{Duration, Instant},
 };
@@ -8,15 +10,22 @@ use std::{
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_guard::{
-    barrier::{FRAME_WORDS, Program, Protection, Report, Settings},
-    protocol::{Counts, ReportStatus, Session},
-    vocabulary::{AxisName, Displacement, Mm, PerChannel},
+    AxisLimits, BarrierLink, CorrectionReport, Guard, Inputs, Limits, ReadBack, Reading, Reasons,
+    Request, RequestedCorrection,
+    barrier::{
+        Barrier, FRAME_WORDS, Program, Protection, REPORT_WORDS, Report, Settings, SettingsError,
+    },
+    protocol::{Counts, Layout, Refusal, ReportStatus, Session},
+    vocabulary::{AxisKind, AxisName, Displacement, Mm, PerChannel, Rad},
 };
 use volcomp_port::{
-    Axis, Clock, Controller, Words, contract,
+    Axis, Clock, ControlProgram, Controller, Words, contract,
     inject::{Faults, Faulty},
     simulated::{Controls, Machine, Move, SimulatedController},
 };
+
+use super::words;
+use crate::vector::{five, of};
 
 const SCAN: Duration = Duration::from_millis(2);
 
@@ -184,4 +193,214 @@ fn no_fault_of_the_wire_makes_an_axis_step() {
         taken += log.scans();
     }
     assert!(taken > 400_000 && furthest > 0.1, "{taken} scans, {furthest} mm");
+}
+
+fn axes() -> Vec<Axis> {
+    [AxisName::X, AxisName::Y, AxisName::C]
+        .map(|name| Axis {
+            name,
+            includes_correction: false,
+            resolution: match name {
+                AxisName::C => Displacement::Angle(Rad(1e-5)),
+                _ => Displacement::Length(Mm(0.001)),
+            },
+            largest: (name == AxisName::Y).then_some(Displacement::Length(Mm(0.1))),
+        })
+        .to_vec()
+}
+
+#[test]
+fn physical_units_become_counts_and_scans() {
+    let settings = Protection::default().settings(&axes()).expect("valid");
+    assert_eq!(settings.axes.number(), 126);
+    // 250 µm for X; the maximum value of the device for Y; 250 µrad in steps of 10 µrad for C.
+    assert_eq!(settings.limit, PerChannel::leading([250, 100, 25]));
+    // C: 1000 µrad/s is 0.2 counts per scan, thus one step in five scans. X and Y: 2 counts per scan.
+    assert_eq!(settings.step_scans, 5);
+    assert_eq!(settings.rate, PerChannel::leading([10, 10, 1]));
+    assert_eq!((settings.hold_scans, settings.time_out_scans), (25, 100));
+}
+
+#[test]
+fn invalid_protections_are_refused() {
+    let cases: [fn(&mut Protection); 4] = [
+        |protection| protection.rate_per_s = Mm(0.0),
+        |protection| protection.rate_rotary_per_s = Rad(f64::NAN),
+        |protection| protection.scan = Duration::ZERO,
+        |protection| protection.time_out = Duration::from_millis(60),
+    ];
+    for change in cases {
+        let mut protection = Protection::default();
+        change(&mut protection);
+        assert!(protection.settings(&axes()).is_err(), "{protection:?}");
+    }
+    let default = Protection::default();
+    let below = Protection { limit: Mm(0.0005), ..default };
+    assert_eq!(below.settings(&axes()), Err(SettingsError::Counts { axis: 0, found: 0 }));
+    assert!(default.settings(&[]).is_err());
+    assert!(default.settings(&axes().repeat(4)).is_err());
+}
+
+/// A restart increments the epoch and keeps the axes where they are; a frame from before the restart is rejected.
+#[test]
+fn a_restart_forgets_the_owner_and_keeps_epoch_and_axes() {
+    let settings = Protection::default().settings(&axes()).expect("valid");
+    let mut program = Program::new(settings).expect("valid");
+    let decode = |words: &volcomp_port::Words| {
+        Report::decode(settings.machine, settings.axes, words.as_slice()).expect("a whole report")
+    };
+    let mut session = Session::new(7);
+    let goal = PerChannel::leading([30, -20, 3]);
+    let mut mailbox = Vec::new();
+    let mut report = decode(&program.scan(&[], false));
+    for _ in 0..40 {
+        assert!(matches!(session.read(report.head()), ReportStatus::Confirmed { .. }));
+        mailbox = words(&settings, &session.frame(&goal).expect("a report was read"));
+        report = decode(&program.scan(&[&mailbox], false));
+    }
+    assert_eq!((program.applied(), report.owner), (goal, 7));
+    let held = program.applied();
+    program.restart(&held);
+    let after = decode(&program.scan(&[&mailbox], false));
+    assert_eq!(after.epoch, report.epoch.wrapping_add(1));
+    assert_eq!((after.owner, after.refusal), (0, Refusal::Epoch));
+    assert_eq!(after.applied, goal);
+    for _ in 0..settings.time_out_scans + 40 {
+        program.scan(&[&mailbox], false);
+    }
+    assert_eq!(program.applied(), Counts::default());
+}
+
+const LEVER_MM: f64 = 300.0;
+
+struct Case {
+    linear_step: f64,
+    rotary_step: f64,
+    /// Delay from the guard to the barrier and back, cycles.
+    delay: usize,
+    /// Ratio of the barrier's rate to the guard's slew.
+    rate: f64,
+}
+
+fn limits(case: &Case) -> Limits {
+    let mut limits = five(0.0);
+    for axis in limits.axes.iter_mut().take(5) {
+        let rotary = axis.kind == AxisKind::Rotary;
+        *axis = AxisLimits {
+            limit: if rotary { 250e-6 } else { 0.250 },
+            warn: f64::INFINITY,
+            resolution: if rotary { case.rotary_step } else { case.linear_step },
+            accel_per_s2: f64::INFINITY,
+            includes_correction: false,
+            ..*axis
+        };
+        axis.warn = axis.limit;
+    }
+    limits.hold = Duration::from_millis(100);
+    limits.test_shift = PerChannel::ZERO;
+    limits.read_back_cycles = 2 * case.delay + 2;
+    limits
+}
+
+/// Largest tip error of the applied correction (mm) in cycles that the slew does not limit.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "small whole numbers")]
+fn off(case: &Case) -> f64 {
+    let limits = limits(case);
+    let layout = [AxisName::X, AxisName::Y, AxisName::Z, AxisName::A, AxisName::C];
+    let layout = Layout::of(layout).expect("each once");
+    // The period of a scan is 2 ms.
+    let in_a_scan =
+        |i: usize| limits.axes[i].slew_per_s * case.rate * 0.002 / limits.axes[i].resolution;
+    let step_scans = (0..5).map(|i| (1.0 / in_a_scan(i) - 1e-9).ceil()).fold(1.0, f64::max);
+    let counts = |value: f64| (value - 1e-9).ceil() as i16;
+    let of_axes = |value: &dyn Fn(usize) -> f64| {
+        Counts::from_fn(|i| if i < 5 { counts(value(i)) } else { 0 })
+    };
+    let settings = Settings {
+        axes: layout,
+        machine: 1,
+        limit: of_axes(&|i| limits.axes[i].limit / limits.axes[i].resolution),
+        rate: of_axes(&|i| in_a_scan(i) * step_scans),
+        step_scans: step_scans as u16,
+        hold_scans: 50,
+        time_out_scans: 150,
+    };
+    let mut barrier = Barrier::start(settings, 0, 0, &Counts::default()).expect("valid");
+    let link = BarrierLink::new(7, 1, layout, Duration::from_millis(2));
+    let mut way = ReadBack::barrier(link);
+    let mut guard = Guard::new(limits).expect("valid");
+    let (mut frames, mut reports) = (VecDeque::new(), VecDeque::new());
+    let mut mailbox = [0; FRAME_WORDS];
+    let (mut most, mut quiet) = (0.0_f64, 0);
+    let mut requested = RequestedCorrection {
+        rotary: of([0.0, 0.0, 0.0, 100e-6, -60e-6]),
+        ..RequestedCorrection::default()
+    };
+    // The request moves Y and Z only to follow A and C.
+    requested.follow[3] = of([0.0, LEVER_MM]);
+    requested.follow[4] = of([0.0, 0.0, -0.7 * LEVER_MM]);
+    for cycle in 0..1200_u32 {
+        let now = Duration::from_millis(4) * (cycle + 1);
+        if frames.len() > case.delay {
+            mailbox = frames.pop_front().expect("some");
+        }
+        barrier.scan(&[&mailbox], false);
+        let mut words = [0; REPORT_WORDS];
+        let length = barrier.scan(&[&mailbox], false).encode(&mut words);
+        reports.push_back((words, length, now));
+        if reports.len() > case.delay {
+            let (words, length, taken) = reports.pop_front().expect("some");
+            way.receive(now, taken, &CorrectionReport::Barrier(&words[..length]), &limits);
+        } else {
+            way.receive(now, now, &CorrectionReport::Missing, &limits);
+        }
+        let out = guard.cycle(&Inputs {
+            now,
+            reading: Some(Reading { taken: now, positions: PerChannel::ZERO }),
+            read_back: *way.status(),
+            requested: Some(requested),
+            request: (cycle == 450).then_some(Request::Arm),
+            ..Inputs::default()
+        });
+        if out.write {
+            let mut frame = [0; FRAME_WORDS];
+            if way.frame(&out.correction, &limits, &mut frame).is_some() {
+                frames.push_back(frame);
+            }
+            way.sent(now, &out.correction, true);
+        } else if let Some(last) = frames.back() {
+            frames.push_back(*last);
+        }
+        let slews = out.reasons.contains(Reasons::SLEWING);
+        quiet = if slews { 0 } else { quiet + 1 };
+        if quiet > 2 * case.delay {
+            let at = |i: usize| f64::from(barrier.memory().applied[i]) * limits.axes[i].resolution;
+            let y = at(1) - LEVER_MM * at(3);
+            let z = at(2) + 0.7 * LEVER_MM * at(4);
+            most = most.max(y.abs()).max(z.abs());
+        }
+    }
+    assert_eq!(guard.state(), volcomp_guard::State::Compensating);
+    most
+}
+
+/// For any delay and rate the tip error is at most 1.1 linear steps plus one rotary step at its lever, because the barrier rounds to the
+/// nearest count. Rounding towards the start of the line would add up to one linear step.
+#[test]
+fn a_barrier_adds_half_a_count_to_the_tip_error() {
+    for delay in [0, 2, 4, 8] {
+        for rate in [2.0, 10.0] {
+            for (linear_step, rotary_step) in
+                [(1e-3, 1e-6), (1e-4, 1e-7), (1e-4, 1e-6), (1e-3, 1e-7)]
+            {
+                let case = Case { linear_step, rotary_step, delay, rate };
+                let off = off(&case);
+                let most = 1.1 * linear_step + rotary_step * LEVER_MM;
+                assert!(
+                    off <= most,
+                    "{off} of {most}: {delay} cycles, steps {linear_step} {rotary_step}"
+                );
+            }
+        }
+    }
 }
