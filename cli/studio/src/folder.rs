@@ -22,8 +22,7 @@ use volcomp_vocabulary::AxisName;
 use volcomp_web::file_name;
 
 use crate::{
-    error::StudioError,
-    interrupt::Interrupt,
+    error::{Interrupt, StudioError},
     questions::{AnsweredDraft, DraftState, TypedAnswer, questions, with_answers},
 };
 

@@ -23,9 +23,8 @@ use serde_json::json;
 use volcomp_web::{headers, hosts, is_of_another_page};
 
 use crate::{
-    error::StudioError,
+    error::{Interrupt, StudioError},
     folder::{Folder, MACHINE, MAX_FILE_BYTES, REPORT, State, name_of_upload},
-    interrupt::Interrupt,
     outputs::TableRequest,
     questions::TypedAnswer,
     send::Target,

@@ -1,19 +1,16 @@
 #![doc = include_str!("../README.md")]
 
-mod drift;
 mod error;
 mod fit;
 mod folder;
 mod http;
-mod interrupt;
 mod outputs;
 mod questions;
 mod send;
 mod undo;
 
-pub use drift::{ErrorChange, ModelDrift};
 pub use error::StudioError;
-pub use fit::{FitResult, Verdict};
+pub use fit::{ErrorChange, FitResult, ModelDrift, Verdict};
 pub use folder::{EarlierModel, FileState, Folder, MAX_FILE_BYTES, MAX_FILES, MachineState, State};
 pub use http::Studio;
 pub use outputs::{AxisResidual, NcNote, NcProgram, TableFiles, TableRequest};

@@ -20,9 +20,8 @@ use volcomp_web::{
 };
 
 use crate::{
-    error::StudioError,
+    error::{Interrupt, StudioError},
     folder::{FITTED, Folder, MACHINE},
-    interrupt::Interrupt,
 };
 
 /// Timeout of one request including its response.
