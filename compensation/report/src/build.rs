@@ -1,18 +1,24 @@
 //! Builds reports from a calibration, an identification or a machine file.
 
-use volcomp_calibrate::{Calibration, CalibrationFile, errors_without_value, not_stated};
-use volcomp_identify::{Identification, Observations};
+use volcomp_calibrate::{
+    Calibration, CalibrationFile, Line, Method, errors_without_value, is_square, not_stated,
+    squareness_lines_of_one_run, with_files,
+};
+use volcomp_identify::{Identification, Observations, unit_symbol};
+use volcomp_metrology::{
+    Edition, Environment, MATERIAL_WITHIN_K, Measurement, Metadata, MotionKind, Quantity,
+    REFERENCE_DEGC, StartEnd, UncertaintyInputs, Vdi3441, environment_notes, evaluate, opening,
+    outlier_hints, positioning_uncertainty, shortfalls, vdi_3441,
+};
 use volcomp_model::Machine;
-use volcomp_vocabulary::{Direction, ErrorName};
+use volcomp_vocabulary::{AxisKind, AxisName, Direction, ErrorName};
 
 use crate::{
-    curves::{curves, stated_curves},
-    identified::{files, identified, left_open},
-    positioning::positioning,
-    report::{Contribution, Report, SourceFile, Uncertainty, Warning, WarningKind},
-    squares::{other_locations, pair_of, squares},
-    stated::{Stated, head},
-    warnings::{is_measured, of_calibration, warnings},
+    curves::{curves, runs_of, stated_curves},
+    report::{
+        AxisTravel, Contribution, FigureUncertainty, Head, Identified, Left, Location, Parameter,
+        Positioning, Report, SourceFile, Square, Tilt, Uncertainty, Warning, WarningKind, Weighted,
+    },
 };
 
 impl Report {
@@ -204,4 +210,420 @@ fn stated_uncertainty(file: &CalibrationFile) -> Option<Uncertainty> {
         })
         .collect();
     (!stated.is_empty()).then(|| Uncertainty { stated, ..Uncertainty::default() })
+}
+
+/// Values from the caller, which override the values in the files.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Stated {
+    pub customer: Option<String>,
+    /// Number of the certificate.
+    pub certificate: Option<String>,
+    /// Minimum and maximum air temperature, °C, instead of those in the files.
+    pub air_degc: Option<[f64; 2]>,
+    /// Minimum and maximum material temperature, °C, instead of those in the files.
+    pub material_degc: Option<[f64; 2]>,
+    /// Name of the machine, instead of that in the measurement files.
+    pub machine: Option<String>,
+    pub serial: Option<String>,
+    /// Date of the measurement, instead of that in the files.
+    pub date: Option<String>,
+    /// Name of the person who measured.
+    pub operator: Option<String>,
+    /// Name of the measuring instrument.
+    pub instrument: Option<String>,
+    /// Edition of ISO 230-2 by which the tests are evaluated.
+    pub edition: Edition,
+}
+
+pub(crate) fn head<'a>(
+    source: &str,
+    machine: &Machine,
+    measurements: &(impl Iterator<Item = &'a Measurement> + Clone),
+    stated: &Stated,
+) -> Head {
+    let of_files = |field: fn(&Metadata) -> Option<String>| {
+        joined(measurements.clone().filter_map(|m| field(&m.metadata)))
+    };
+    let of_sensors = |field: fn(&Environment) -> Vec<StartEnd>| {
+        let all = measurements.clone().flat_map(|m| field(&m.environment));
+        range(all.flat_map(|value| [value.start, value.end]))
+    };
+    let program = |of: &Metadata| match (&of.owner, &of.version) {
+        (Some(owner), Some(version)) => Some(format!("{owner} {version}")),
+        (Some(owner), None) => Some(owner.clone()),
+        _ => None,
+    };
+    let axes = machine.axes().iter().map(|axis| AxisTravel {
+        axis: axis.name.to_string(),
+        travel: axis.travel,
+        unit: axis.name.kind().coordinate_unit().to_owned(),
+    });
+    Head {
+        source: source.to_owned(),
+        machine: stated.machine.clone().or_else(|| of_files(|m| m.machine.clone())),
+        serial: stated.serial.clone().or_else(|| of_files(|m| m.serial.clone())),
+        date: stated.date.clone().or_else(|| of_files(|m| m.date.clone())),
+        operator: stated.operator.clone().or_else(|| of_files(|m| m.by.clone())),
+        instrument: stated.instrument.clone().or_else(|| of_files(program)),
+        customer: stated.customer.clone(),
+        certificate: stated.certificate.clone(),
+        air_degc: (stated.air_degc)
+            .or_else(|| of_sensors(|e| e.air_temperature.into_iter().collect())),
+        material_degc: (stated.material_degc)
+            .or_else(|| of_sensors(|e| e.material_temperature.into_iter().flatten().collect())),
+        structure: machine.chain().structure().to_string(),
+        axes: axes.collect(),
+        tool_tip_mm: machine.chain().tool_tip_mm().into(),
+        files: Vec::new(),
+    }
+}
+
+fn joined(texts: impl Iterator<Item = String>) -> Option<String> {
+    const MOST: usize = 4;
+    let mut once: Vec<String> = Vec::new();
+    for text in texts {
+        if !once.contains(&text) {
+            once.push(text);
+        }
+    }
+    let beyond = once.len().saturating_sub(MOST);
+    once.truncate(MOST);
+    if beyond > 0 {
+        once.push("…".to_owned());
+    }
+    (!once.is_empty()).then(|| once.join("; "))
+}
+
+fn range(values: impl Iterator<Item = f64>) -> Option<[f64; 2]> {
+    let finite = values.filter(|value| value.is_finite());
+    finite.fold(None, |range: Option<[f64; 2]>, value| {
+        let [low, high] = range.unwrap_or([value; 2]);
+        Some([low.min(value), high.max(value)])
+    })
+}
+
+fn of_calibration(
+    file: &CalibrationFile,
+    calibration: &Calibration,
+    not_measured: &[String],
+    stated: &Stated,
+) -> Vec<Warning> {
+    let mut all = Vec::new();
+    let mut add = |kind: WarningKind, text: String| {
+        // A message that occurs twice is kept with its most severe kind.
+        if all.iter().all(|warning: &Warning| warning.text != text) {
+            all.push(Warning { kind, text });
+        }
+    };
+    for (_, text) in &calibration.contradictions {
+        add(WarningKind::Contradiction, text.clone());
+    }
+    let named = |line: &Line, text: String| format!("{}: {text}", line.file.display());
+    for line in &file.measurements {
+        let error = line.setup.error;
+        let is_test =
+            MotionKind::of(error) == MotionKind::Positioning && line.setup.method == Method::Direct;
+        if is_test {
+            let lacks = shortfalls(&line.readings, error.axis.kind(), stated.edition);
+            if !lacks.is_empty() {
+                add(WarningKind::Few, named(line, lacks.join("; ")));
+            }
+        }
+    }
+    let mut silent = Vec::new();
+    let mut surroundings = Vec::new();
+    for line in &file.measurements {
+        let environment = &line.readings.environment;
+        let is_length = line.setup.error.axis.kind() == AxisKind::Linear
+            && MotionKind::of(line.setup.error) == MotionKind::Positioning;
+        let quantity = if is_length { Quantity::Positioning } else { Quantity::Angle };
+        for text in environment_notes(environment, quantity) {
+            surroundings.push((line.file.display().to_string(), text));
+        }
+        let is_silent = environment.material_temperature.iter().flatten().next().is_none();
+        if is_length && is_silent {
+            silent.push(line.file.display().to_string());
+        }
+    }
+    for text in with_files(surroundings) {
+        add(WarningKind::Temperature, text);
+    }
+    if let Some(text) = stated.material_degc.and_then(material) {
+        add(WarningKind::Temperature, text);
+    }
+    if let ([first, others @ ..], None) = (silent.as_slice(), stated.material_degc) {
+        let files = match others.len() {
+            0 => format!("{first} states"),
+            more => format!("{first} and {more} other positioning files state"),
+        };
+        add(
+            WarningKind::Temperature,
+            format!(
+                "{files} no material temperature: whether the lengths hold for 20 °C is not known"
+            ),
+        );
+    }
+    for line in &file.measurements {
+        for hint in outlier_hints(&line.readings) {
+            add(WarningKind::Outlier, named(line, hint.text));
+        }
+    }
+    for text in not_measured {
+        add(WarningKind::NotMeasured, text.clone());
+    }
+    let of_one_run: Vec<String> =
+        squareness_lines_of_one_run(file).map(|line| line.file.display().to_string()).collect();
+    if !of_one_run.is_empty() {
+        add(
+            WarningKind::Few,
+            format!(
+                "{}: one run; U of the squareness from it does not contain the alignment and drift of the reference, which several runs show",
+                of_one_run.join(", ")
+            ),
+        );
+    }
+    for text in &calibration.warnings {
+        add(WarningKind::Note, text.clone());
+    }
+    all.sort_by_key(|warning| warning.kind);
+    all
+}
+
+/// Warning if the stated material temperature is far from 20 °C.
+fn material([low, high]: [f64; 2]) -> Option<String> {
+    let farthest = (low - REFERENCE_DEGC).abs().max((high - REFERENCE_DEGC).abs());
+    (farthest > MATERIAL_WITHIN_K).then(|| {
+        format!(
+            "the material temperature is stated as {low:.2} to {high:.2} °C, farther than {MATERIAL_WITHIN_K} K from 20 °C: whether the readings are brought to 20 °C is not known"
+        )
+    })
+}
+
+pub(crate) fn warnings<T: ToString>(
+    kind: WarningKind,
+    texts: &[T],
+) -> impl Iterator<Item = Warning> {
+    texts.iter().map(move |text| Warning { kind, text: text.to_string() })
+}
+
+fn is_measured(calibration: &Calibration, pair: [AxisName; 2]) -> bool {
+    let named = calibration.squareness.iter().map(|(error, _)| *error);
+    let found = calibration.identified.iter().flat_map(|of| &of.found.parameters);
+    let found =
+        found.filter(|parameter| parameter.determined).filter_map(|parameter| parameter.error);
+    named.chain(found).any(|error| error.location && pair_of(error) == Some(pair))
+}
+
+pub(crate) fn positioning(file: &CalibrationFile, edition: Edition) -> Vec<Positioning> {
+    let lines = file.measurements.iter();
+    let tests = lines.filter(|line| {
+        MotionKind::of(line.setup.error) == MotionKind::Positioning
+            && line.setup.method == Method::Direct
+    });
+    let test = |line: &Line| {
+        let error = line.setup.error;
+        // Lines that cannot be evaluated are skipped; they cannot be calibrated either.
+        let result = evaluate(&line.readings).ok()?;
+        Some(Positioning {
+            file: line.file.display().to_string(),
+            error: error.to_string(),
+            x_unit: error.axis.kind().coordinate_unit().to_owned(),
+            unit: error.component.symbol().to_owned(),
+            runs: runs_of(&line.readings, |_, _, reading| Some(reading)),
+            edition: edition.year(),
+            vdi: vdi_3441(&result),
+            uncertainties: uncertainties(file, line),
+            result,
+        })
+    };
+    tests.filter_map(test).collect()
+}
+
+/// Expanded uncertainties of the figures, from the contributions of the instrument in the calibration file: the scale contribution is
+/// proportional to the length, the other applies to each reading. Both are common to all readings at a target, and cancel in B and R.
+fn uncertainties(file: &CalibrationFile, line: &Line) -> Vec<FigureUncertainty> {
+    let of = &file.uncertainty;
+    let targets = line.readings.targets();
+    let ends = targets.first().zip(targets.last());
+    let travel = ends.map_or(0.0, |(first, last)| last - first);
+    let positive = |standard: f64| (standard > 0.0).then_some(2.0 * standard);
+    let (inputs, length) = if line.setup.error.component.is_angular() {
+        // The reading uncertainty of an angle is in µrad and independent of the length.
+        let device_um = positive(of.reading_urad);
+        (UncertaintyInputs { device_um, ..UncertaintyInputs::default() }, 1.0)
+    } else {
+        let inputs = UncertaintyInputs {
+            device_um_per_m: positive(of.laser_um_per_m),
+            device_um: positive(of.reading_um),
+            ..UncertaintyInputs::default()
+        };
+        (inputs, 1e-3 * travel)
+    };
+    let runs = Direction::BOTH.map(|direction| line.readings.runs(direction).len());
+    let fewest = runs.into_iter().filter(|runs| *runs > 0).min().unwrap_or(1);
+    // With a single target there is no length, and so no uncertainty.
+    let Ok(found) = positioning_uncertainty(&inputs, length, fewest) else {
+        return Vec::new();
+    };
+    let symbols = Edition::symbols().into_iter();
+    symbols
+        .filter_map(|symbol| {
+            Some(FigureUncertainty { symbol: symbol.to_owned(), expanded: found.of(symbol)? })
+        })
+        .collect()
+}
+
+impl Positioning {
+    /// Value of a figure by its symbol in ISO 230-2 or VDI/DGQ 3441; `None` if the runs do not determine it.
+    pub fn figure(&self, symbol: &str) -> Option<f64> {
+        let iso = Edition::default().quantities(&self.result);
+        let vdi = Vdi3441::quantities(self.vdi.as_ref());
+        let found = iso.iter().chain(&vdi).find(|q| q.symbol == symbol)?;
+        found.value
+    }
+
+    /// Expanded uncertainty of a figure; `None` if the calibration file states no contribution to it.
+    pub fn uncertainty(&self, symbol: &str) -> Option<f64> {
+        let found = self.uncertainties.iter().find(|of| of.symbol == symbol);
+        found.map(|of| of.expanded)
+    }
+}
+
+const PAIRS: [[AxisName; 2]; 3] =
+    [[AxisName::X, AxisName::Y], [AxisName::Y, AxisName::Z], [AxisName::X, AxisName::Z]];
+
+/// Angles between the linear axes from the location errors of a machine. `measured` returns
+/// whether the calibration determined the angle of a pair, `uncertainty` the standard uncertainty
+/// of an error, µrad.
+pub(crate) fn squares(
+    machine: &Machine,
+    measured: impl Fn([AxisName; 2]) -> bool,
+    uncertainty: impl Fn(ErrorName) -> Option<f64>,
+) -> Vec<Square> {
+    let pairs = PAIRS.into_iter().filter_map(|pair| {
+        if pair.iter().any(|name| machine.axis(*name).is_none()) {
+            return None;
+        }
+        let mut from = Vec::new();
+        let mut angle_urad = 0.0;
+        for (name, value) in machine.locations() {
+            let Some(opens) = opening(*name).filter(|_| pair_of(*name) == Some(pair)) else {
+                continue;
+            };
+            angle_urad += opens * value;
+            from.push(Tilt {
+                error: name.to_string(),
+                urad: *value,
+                uncertainty: uncertainty(*name),
+            });
+        }
+        (!from.is_empty()).then(|| Square {
+            first: pair[0].to_string(),
+            second: pair[1].to_string(),
+            angle_urad,
+            from,
+            measured: measured(pair),
+        })
+    });
+    pairs.collect()
+}
+
+pub(crate) fn pair_of(error: ErrorName) -> Option<[AxisName; 2]> {
+    PAIRS.into_iter().find(|pair| {
+        pair.contains(&error.axis)
+            && pair.iter().all(|axis| axis.mcs_index() != error.component.mcs_index())
+    })
+}
+
+/// The location errors other than squareness.
+fn other_locations(machine: &Machine, stated: &[volcomp_calibrate::Location]) -> Vec<Location> {
+    let others = machine.locations().iter().filter(|(name, _)| !is_square(**name));
+    let location = |(name, value): (&ErrorName, &f64)| Location {
+        error: name.to_string(),
+        value: *value,
+        unit: name.component.symbol().to_owned(),
+        uncertainty: stated
+            .iter()
+            .find(|of| of.error == *name)
+            .map(|of| of.uncertainty)
+            .filter(|stated| *stated > 0.0),
+    };
+    others.map(location).collect()
+}
+
+pub(crate) fn identified(found: &Identification) -> Identified {
+    let parameters = found.parameters.iter().map(|parameter| Parameter {
+        name: parameter.name.clone(),
+        value: parameter.value,
+        uncertainty: parameter.uncertainty,
+        unit: unit_symbol(parameter.unit).to_owned(),
+        given_zero: parameter.given_zero.clone(),
+    });
+    let left = |of: volcomp_identify::Figures| Left {
+        rms_um: of.rms_um,
+        max_um: of.max_um,
+        rows: of.rows,
+    };
+    let weighted =
+        |(name, weight): &(String, f64)| Weighted { name: name.clone(), weight: *weight };
+    let null = found.null.iter();
+    let next = found.next.as_ref().map(|next| {
+        let pose = next.pose.iter().map(|(axis, at)| format!("{axis} = {at:.1}"));
+        let mut with: Vec<String> = pose.collect();
+        with.extend(next.target.clone());
+        with.extend(next.tool.as_ref().map(|tool| format!("tool {tool}")));
+        format!("{} ({}): {}", with.join(", "), next.file, next.parameter)
+    });
+    Identified {
+        parameters: parameters.collect(),
+        rank: found.rank,
+        of: found.parameters.len().saturating_sub(found.redundant.len()),
+        score: found.score_of_determined,
+        excess: found.excess,
+        residual: left(found.residual),
+        left_out: found.left_out.map(|of| left(of.figures)),
+        judged: found.judged.map(left),
+        null_space: null.map(|of| of.iter().map(weighted).collect()).collect(),
+        redundant: found.redundant.clone(),
+        next,
+    }
+}
+
+/// Note on the unknowns that the observations do not determine, which leave their errors undecided; `None` without any.
+pub(crate) fn left_open(found: &Identified) -> Option<String> {
+    let open: Vec<&str> = found.left_open().collect();
+    (!open.is_empty())
+        .then(|| format!("not determined by the observations, taken as 0: {}", open.join(", ")))
+}
+
+pub(crate) fn files(observations: &Observations) -> impl Iterator<Item = SourceFile> {
+    observations.observations.iter().map(|of| SourceFile {
+        file: of.file.clone(),
+        measures: of.kind.name().to_owned(),
+        targets: of.rows.len(),
+        runs: None,
+        date: None,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By the right-hand rule EC0Y and EA0Z increase the angles XY and YZ, and EB0Z decreases XZ (see `volcomp_metrology::squareness`). The
+    /// same tilt of the other axis has the opposite effect.
+    #[test]
+    fn location_errors_open_and_close_the_angles() {
+        let machine = Machine::parse(
+            "structure = \"w X' b Y Z t\"\n[axes]\nX.travel = [0, 1000]\nY.travel = [0, 1000]\nZ.travel = [0, 1000]\n[errors]\nEC0Y = 10.0\nEA0Z = 20.0\nEB0Z = 30.0\nEC0X = 4.0\n",
+            "machine.toml",
+        )
+        .expect("a machine");
+        let found = squares(&machine, |pair| pair[0] == AxisName::Y, |_| None);
+        let angles: Vec<f64> = found.iter().map(|square| square.angle_urad).collect();
+        assert_eq!(angles, [6.0, 20.0, -30.0]);
+        assert_eq!(found[0].from.len(), 2);
+        assert!(found[1].measured && !found[2].measured);
+        assert!(other_locations(&machine, &[]).is_empty());
+    }
 }

@@ -2,20 +2,14 @@
 
 mod build;
 mod curves;
-mod described;
 mod html;
-mod identified;
 mod pictures;
 pub mod plot;
-mod positioning;
 mod report;
-mod squares;
-mod stated;
 mod tolerance;
 mod volume;
-mod warnings;
-mod working_space;
 
+pub use build::Stated;
 pub use html::html;
 pub use pictures::{
     CirclePlot, ProgramFigures, ProgramPlace, SlopePlot, SquarenessPlot, StraightnessPlot,
@@ -29,7 +23,6 @@ pub use report::{
     Positioning, Report, Residual, Run, Size, Slice, SourceFile, Square, Standing, State, Tilt,
     Uncertainty, VOLUME, Vector, Volume, Warning, WarningKind, Weighted,
 };
-pub use stated::Stated;
 pub use tolerance::{checks, refuse_two_units, tolerances};
 pub use volcomp_fit::BandSource;
 pub use volcomp_metrology::{Edition, Tolerance, Verdict};

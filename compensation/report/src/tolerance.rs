@@ -6,8 +6,8 @@ use volcomp_metrology::{
 use volcomp_vocabulary::{AxisName, ErrorName};
 
 use crate::{
+    build::pair_of,
     report::{Check, CheckOf, Curve, Drawn, Positioning, Report, Square, State, VOLUME},
-    squares::pair_of,
 };
 
 /// Parses `A=10,C.A=30,EC0Y=20`: µm for lengths, µrad for angles. A name is one of: a symbol of ISO 230-2 or VDI/DGQ 3441, for all

@@ -1,14 +1,14 @@
-//! The picture of one error: readings, curve and band, and the residuals below.
+//! Pictures of errors: readings, curve and band with the residuals below; residuals of an identification; effects.
 
 use volcomp_fit::BandSource;
+use volcomp_identify::FileResiduals;
+use volcomp_metrology::Measurement;
 use volcomp_vocabulary::Direction;
 
-use volcomp_metrology::Measurement;
-
+use super::span;
 use crate::{
-    curves::runs_of,
-    described::described,
-    plot::{self, Look, Mark, Panel, Series, WIDTH, XyPlot, picture, xy},
+    curves::{described, runs_of},
+    plot::{self, Bars, Look, Mark, Panel, Series, WIDTH, XyPlot, bars, picture, xy},
     report::{Band, Branch, Curve, CurveLine},
 };
 
@@ -243,4 +243,80 @@ pub(crate) fn residual_plot(curve: &Curve) -> XyPlot {
         legend: Vec::new(),
         band_label: String::new(),
     }
+}
+
+/// Draws the residuals of the rows of each file and their stated uncertainty, at the same scale.
+pub fn residuals_picture(lines: &[String], files: &[FileResiduals]) -> String {
+    let mut plots: Vec<XyPlot> = files.iter().map(residuals_plot).collect();
+    let range = span(plots.iter().flat_map(XyPlot::value_range));
+    for plot in &mut plots {
+        plot.y_range = range;
+    }
+    let rows: Vec<Vec<Panel>> = files
+        .iter()
+        .zip(&plots)
+        .map(|(of, residuals_plot)| {
+            vec![Panel { heading: of.file.clone(), svg: xy(residuals_plot) }]
+        })
+        .collect();
+    let title = "Residuals of the identification: distance of each row from the model";
+    picture(title, lines, &rows)
+}
+
+fn residuals_plot(of: &FileResiduals) -> XyPlot {
+    let column = |index: usize| -> Vec<(f64, f64)> {
+        let rows = of.rows.iter().enumerate();
+        rows.map(|(place, row)| (place as f64 + 1.0, row[index])).collect()
+    };
+    let series = |name: &str, index, look, mark, line| Series {
+        name: name.to_owned(),
+        points: column(index),
+        look,
+        mark,
+        line,
+    };
+    let name = "stated standard uncertainty";
+    XyPlot {
+        words: format!("residuals: {}", of.file),
+        x_label: "row of the file".to_owned(),
+        x_named: true,
+        y_label: "residual, µm".to_owned(),
+        x_range: Some([0.0, 1.0]),
+        y_range: None,
+        width: WIDTH,
+        height: 130.0,
+        series: vec![
+            series("residual", 0, Look::Forward, Mark::Dot, false),
+            series(name, 1, Look::Tolerance, Mark::None, true),
+        ],
+        bands: Vec::new(),
+        brackets: Vec::new(),
+        legend: vec![
+            (Look::Forward, Mark::Dot, "residual".to_owned()),
+            (Look::Tolerance, Mark::None, name.to_owned()),
+        ],
+        band_label: String::new(),
+    }
+}
+
+/// Draws the effect of each error on the position (µm) and on the orientation (µrad) of the tool. Each entry has the name of the error, the RMS
+/// and the largest effect.
+pub fn effects_picture(
+    title: &str,
+    lines: &[String],
+    positions: Vec<(String, f64, f64)>,
+    orientations: Vec<(String, f64, f64)>,
+) -> String {
+    let panel = |what: &str, unit: &str, rows| Panel {
+        heading: what.to_owned(),
+        svg: bars(&Bars {
+            words: format!("effect on the {what}"),
+            label: format!("{what}, {unit}"),
+            legend: ["RMS".to_owned(), "largest".to_owned()],
+            rows,
+        }),
+    };
+    let panels =
+        vec![panel("position", "µm", positions), panel("orientation", "µrad", orientations)];
+    picture(title, lines, &[panels])
 }

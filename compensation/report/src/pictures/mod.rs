@@ -1,34 +1,22 @@
 //! Pictures of results: the plots of the report, and the files that the commands draw.
 
-mod circle;
 mod curve;
-mod diagonals;
-mod effects;
-mod path;
-mod positioning;
-mod residuals;
-mod straightness;
+mod iso230;
 mod volume;
-
-pub use circle::{CirclePlot, circles_picture};
-pub use curve::curve_picture;
-pub(crate) use curve::{curve_plot, direction_word, residual_plot};
-pub(crate) use diagonals::diagonal_plots;
-pub use diagonals::{diagonals_picture, measured_diagonals_picture};
-pub use effects::effects_picture;
-pub use path::{ProgramFigures, ProgramPlace, program_picture};
-pub use positioning::positioning_picture;
-pub(crate) use positioning::positioning_plot;
-pub use residuals::residuals_picture;
-pub use straightness::{
-    SlopePlot, SquarenessPlot, StraightnessPlot, squareness_picture, straightness_picture,
-};
-pub use volume::map_picture;
-pub(crate) use volume::{COLOURS, Maps, maps};
 
 use volcomp_metrology::JudgedQuantity;
 
 use crate::plot::{Look, Mark, Series, SquareSketch, XyPlot, round_below, short};
+
+pub use curve::{curve_picture, effects_picture, residuals_picture};
+pub(crate) use curve::{curve_plot, direction_word, residual_plot};
+pub use iso230::{
+    CirclePlot, SlopePlot, SquarenessPlot, StraightnessPlot, circles_picture, diagonals_picture,
+    measured_diagonals_picture, positioning_picture, squareness_picture, straightness_picture,
+};
+pub(crate) use iso230::{diagonal_plots, positioning_plot};
+pub(crate) use volume::{COLOURS, Maps, maps};
+pub use volume::{ProgramFigures, ProgramPlace, map_picture, program_picture};
 
 /// Lines of text, one per standard, with the values, limits and verdicts of its quantities. Quantities of a single direction are listed only if
 /// they have a limit.

@@ -1,10 +1,7 @@
-//! Plot of values over a coordinate: runs, curves, bands, limits and labelled brackets.
+//! Plots of values: over a coordinate (runs, curves, bands, limits and labelled brackets), and as bars.
 
-use super::{
-    marks::{Mark, outline},
-    scale::{Scale, short, ticks},
-    svg::{Anchor, Svg, escaped, finite},
-    thin::{MOST_POINTS, thinned},
+use super::svg::{
+    Anchor, MOST_POINTS, Mark, Scale, Svg, escaped, finite, outline, short, thinned, ticks,
 };
 
 /// Width of a plot that fills a page, in picture units.
@@ -337,4 +334,69 @@ fn brackets(svg: &mut Svg, plot: &XyPlot, (x, y): (&Scale, &Scale)) {
         };
         svg.text("letter", place.0, place.1, &bracket.label);
     }
+}
+
+const BARS_WIDTH: f64 = 340.0;
+const BARS_LEFT: f64 = 64.0;
+const TOP: f64 = 44.0;
+const BARS_ROW: f64 = 16.0;
+
+/// Horizontal bars, one below the other, each with a mark at a second value.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Bars {
+    /// Text alternative for a screen reader.
+    pub words: String,
+    /// Label of the value axis, with the unit.
+    pub label: String,
+    /// Legend of the bars and of the marks.
+    pub legend: [String; 2],
+    /// Name, value of the bar, value of the mark.
+    pub rows: Vec<(String, f64, f64)>,
+}
+
+/// Draws bars from zero, at a common scale.
+pub fn bars(bars: &Bars) -> String {
+    let right = BARS_WIDTH - 14.0;
+    let bottom = TOP + BARS_ROW * bars.rows.len() as f64;
+    let values = bars.rows.iter().flat_map(|row| [row.1, row.2]);
+    let x = Scale::over(values.chain([0.0]), [BARS_LEFT, right], 0.0);
+    let frame =
+        format!(" data-x=\"{} {} {} {}\"", x.places[0], x.places[1], x.values[0], x.values[1]);
+    let mut svg = Svg::new("plot bars", (BARS_WIDTH, bottom + 42.0), &bars.words, &frame);
+    let [of_bar, of_mark] = &bars.legend;
+    svg.put(format_args!(
+        "<rect class=\"bar\" x=\"{BARS_LEFT}\" y=\"8\" width=\"20\" height=\"10\"/>"
+    ));
+    svg.text("key", [BARS_LEFT + 26.0, 17.0], Anchor::Start, of_bar);
+    svg.line("mean b", [BARS_LEFT + 146.0, 6.0], [BARS_LEFT + 146.0, 20.0]);
+    svg.text("key", [BARS_LEFT + 154.0, 17.0], Anchor::Start, of_mark);
+    let (values, decimals) = ticks(x.values, 5);
+    for value in values {
+        let at = x.at(value);
+        let class = if value == 0.0 { "zero" } else { "grid" };
+        svg.line(class, [at, TOP - 6.0], [at, bottom]);
+        let text = short(value, decimals);
+        svg.text("tick", [at, bottom + 15.0], Anchor::Middle, &text);
+    }
+    for (place, (name, value, mark)) in bars.rows.iter().enumerate() {
+        let y = TOP + BARS_ROW * place as f64;
+        svg.text("tick", [BARS_LEFT - 6.0, y + 11.0], Anchor::End, name);
+        let [from, to] = [x.at(0.0), x.at(*value)].map(finite);
+        if value.is_finite() {
+            svg.put(format_args!(
+                "<rect class=\"bar\" data-n=\"{}\" x=\"{}\" y=\"{}\" width=\"{}\" height=\"{}\"/>",
+                escaped(name),
+                from.min(to),
+                finite(y + 2.0),
+                finite((to - from).abs()),
+                BARS_ROW - 5.0
+            ));
+        }
+        if mark.is_finite() {
+            let at = x.at(*mark);
+            svg.line("mean b", [at, y + 1.0], [at, y + BARS_ROW - 2.0]);
+        }
+    }
+    svg.text("name", [right, bottom + 32.0], Anchor::End, &bars.label);
+    svg.finish()
 }

@@ -1,10 +1,8 @@
 //! Reports of calibrations made in the tests: data, page as text, and page in a browser.
 
-mod browser;
 mod data;
 mod page;
 mod plots;
-mod words;
 
 use std::{fmt::Write as _, fs, path::Path};
 

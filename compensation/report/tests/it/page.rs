@@ -1,8 +1,17 @@
-//! Page as text: its content, and that no file can inject markup.
+//! Page as text and in a browser: its content, that no file can inject markup, and its print in a headless Chromium without network,
+//! driven by Playwright: no requests, no script errors, nothing wider than the screen.
 
-use volcomp_report::{Report, Stated, html};
+use std::{collections::BTreeSet, fs, path::Path, process::Command};
 
-use crate::{Shop, calibrated, csv};
+use volcomp_kinematics::{Form, State as Pose, volumetric_error};
+use volcomp_model::Temperatures;
+use volcomp_report::{Report, State, Stated, checks, html, tolerances, volume};
+use volcomp_test_support::{peers, root};
+
+use crate::{
+    Shop, calibrated, csv,
+    data::{error_of, field},
+};
 
 #[test]
 fn the_same_input_gives_the_same_bytes() {
@@ -154,4 +163,87 @@ fn the_first_page_is_a_certificate() {
     assert!(warned(&plain, "exx.csv states no material temperature"), "{:?}", plain.warnings);
     let page = html(&plain);
     assert!(!page.contains("Customer") && !page.contains("Certificate number"));
+}
+
+/// Texts between the tags of a page, without styles and scripts.
+fn between_tags(page: &str) -> Vec<String> {
+    let mut rest = page;
+    let mut found = Vec::new();
+    while let Some((text, after)) = rest.split_once('<') {
+        found.push(text.split_whitespace().collect::<Vec<_>>().join(" "));
+        let unseen = ["style", "script"].into_iter().find(|tag| after.starts_with(tag));
+        let end = unseen.map_or_else(|| ">".to_owned(), |tag| format!("</{tag}>"));
+        rest = after.split_once(&end).map_or("", |(_, rest)| rest);
+    }
+    found.push(rest.trim().to_owned());
+    found
+}
+
+/// Snapshot of each distinct text of a page, without the numbers, which change with the model.
+#[test]
+fn words_of_a_report() {
+    let page = html(&whole());
+    let words = |text: &String| -> String {
+        let keep =
+            |word: &&str| !word.starts_with(|c: char| c.is_ascii_digit() || "-±−".contains(c));
+        text.split(' ').filter(keep).collect::<Vec<_>>().join(" ")
+    };
+    // Texts with file paths differ between computers.
+    let texts = between_tags(&page);
+    let texts: BTreeSet<String> = (texts.iter())
+        .filter(|text| !text.contains('/'))
+        .map(words)
+        .filter(|text| text.contains(' '))
+        .collect();
+    insta::assert_snapshot!(texts.into_iter().collect::<Vec<_>>().join("\n"));
+}
+
+pub(crate) fn whole() -> Report {
+    let shop = Shop::new();
+    let (_, calibration) = shop.calibrated();
+    let mut report = shop.report();
+    let machine = &calibration.machine;
+    let none = Temperatures::new();
+    let errors = |pose: &Pose| {
+        let found = volumetric_error(machine.chain(), &machine.source(&none), pose, Form::Exact);
+        let (p, r) = (found.position_mm, found.rotation_rad);
+        [p.x, p.y, p.z, r.x, r.y, r.z]
+    };
+    let less = |pose: &Pose| errors(pose).map(|x| 0.2 * x);
+    report.volume = volume(
+        [machine; 2],
+        &[],
+        (State::Truth, &[field(machine, &errors)], error_of(machine, &errors)),
+        Some((State::TruthCorrected, &[field(machine, &less)], error_of(machine, &less))),
+    )
+    .expect("three axes");
+    report.checks = checks(&report, &tolerances("A=100,B=1,V=30").expect("three"));
+    report
+}
+
+#[test]
+fn a_browser_without_a_network_shows_the_page() {
+    if !Path::new("/usr/bin/chromium").exists() {
+        peers::not_run("Chromium");
+        return;
+    }
+    let Some(python) = peers::python() else {
+        return;
+    };
+    let pictures = root().join("target/report-pictures");
+    fs::create_dir_all(&pictures).expect("a folder");
+    let report = whole();
+    let page = pictures.join("report.html");
+    fs::write(&page, html(&report)).expect("written");
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/it/browser.py");
+    let output = Command::new(&python)
+        .arg(script)
+        .arg(&page)
+        .arg(&pictures)
+        .arg("report")
+        .output()
+        .expect("Python");
+    let said = String::from_utf8_lossy(&output.stdout);
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && said.trim() == "done", "{said}: {message}");
 }

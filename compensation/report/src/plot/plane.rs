@@ -1,12 +1,8 @@
-//! Plot of a path in a plane with its magnified deviations, coloured by their size.
+//! Plots in a plane of the machine: a path, a circular test, the angle of two axes.
 
 use super::{
-    colour::colour_at,
-    marks::{Mark, outline},
-    scale::{short, ticks},
-    svg::{Anchor, Svg, finite},
-    thin::spaced,
-    xy::WIDTH,
+    svg::{Anchor, Mark, Scale, Svg, colour_at, escaped, finite, outline, short, spaced, ticks},
+    xy::{Look, WIDTH},
 };
 
 /// Left, right, top and bottom margin, in picture units.
@@ -196,4 +192,131 @@ fn axes(
     let [across, up] = &plot.labels;
     svg.text("name", [right, foot + 31.0], Anchor::End, across);
     svg.text("name", [6.0, top - 6.0], Anchor::Start, up);
+}
+
+const POLAR_WIDTH: f64 = 680.0;
+const HEIGHT: f64 = 560.0;
+const CENTRE: [f64; 2] = [0.5 * POLAR_WIDTH, 302.0];
+/// Radii at which the smallest and the largest value are drawn; the inner one keeps lobes apart.
+const RADII: [f64; 2] = [70.0, 232.0];
+
+/// Radial deviations of a circle.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PolarPlot {
+    /// Text alternative for a screen reader.
+    pub words: String,
+    /// Names of the axes drawn to the right and upwards.
+    pub axes: [String; 2],
+    /// Unit of the deviations.
+    pub unit: String,
+    pub series: Vec<PolarSeries>,
+}
+
+/// Name, look, and points (angle in rad, deviation) in the order of travel.
+pub type PolarSeries = (String, Look, Vec<(f64, f64)>);
+
+/// Draws the plot as one `<svg>` element. Circles are lines of equal deviation; the darker one is zero.
+pub fn polar(plot: &PolarPlot) -> String {
+    let values = plot.series.iter().flat_map(|(_, _, points)| points);
+    let values = values.map(|(_, value)| *value).chain([0.0]);
+    let scale = Scale::over(values, RADII, 0.06);
+    let [cx, cy] = CENTRE;
+    let frame = format!(
+        " data-c=\"{cx} {cy}\" data-r=\"{} {} {} {}\"",
+        scale.places[0], scale.places[1], scale.values[0], scale.values[1]
+    );
+    let mut svg = Svg::new("plot polar", (POLAR_WIDTH, HEIGHT), &plot.words, &frame);
+    let (values, decimals) = ticks(scale.values, 6);
+    for value in &values {
+        let class = if *value == 0.0 { "zero" } else { "grid" };
+        svg.put(format_args!(
+            "<circle class=\"{class}\" cx=\"{cx}\" cy=\"{cy}\" r=\"{}\"/>",
+            finite(scale.at(*value))
+        ));
+    }
+    let far = RADII[1] + 6.0;
+    svg.line("grid", [cx - far, cy], [cx + far, cy]);
+    svg.line("grid", [cx, cy - far], [cx, cy + far]);
+    let [right, up] = &plot.axes;
+    for (at, anchor, text) in [
+        ([cx + far + 6.0, cy + 4.0], Anchor::Start, format!("+{right}")),
+        ([cx - far - 6.0, cy + 4.0], Anchor::End, format!("−{right}")),
+        ([cx, cy - far - 6.0], Anchor::Middle, format!("+{up}")),
+        ([cx, cy + far + 15.0], Anchor::Middle, format!("−{up}")),
+    ] {
+        svg.text("name", at, anchor, &text);
+    }
+    let mut x = 58.0;
+    for (name, look, points) in &plot.series {
+        let class = look.class();
+        svg.put(format_args!("<g class=\"s\" data-n=\"{}\">", escaped(name)));
+        let places = points.iter().map(|(angle, value)| {
+            let r = scale.at(*value);
+            ([cx + r * angle.cos(), cy - r * angle.sin()], false)
+        });
+        let places: Vec<_> = places.collect();
+        svg.polyline(class, spaced(&places, 0.4).map(|(at, _)| at));
+        svg.raw("</g>");
+        svg.line(class, [x, 10.0], [x + 26.0, 10.0]);
+        svg.text("key", [x + 32.0, 14.0], Anchor::Start, name);
+        x += 50.0 + 8.6 * name.chars().count() as f64;
+    }
+    // Labels are on the diagonal, where curves seldom have their peaks.
+    for value in &values {
+        let r = scale.at(*value) * std::f64::consts::FRAC_1_SQRT_2;
+        let text = short(*value, decimals);
+        svg.text("letter tick", [cx + r, cy - r + 4.0], Anchor::Middle, &text);
+    }
+    let unit = format!("radial deviation, {}", plot.unit);
+    svg.text("name", [POLAR_WIDTH - 14.0, 14.0], Anchor::End, &unit);
+    svg.finish()
+}
+
+/// Two axes of a machine, and the deviation of their angle from 90°.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SquareSketch {
+    /// Text alternative for a screen reader.
+    pub words: String,
+    /// Name of the axis drawn to the right.
+    pub first: String,
+    /// Name of the axis drawn upwards.
+    pub second: String,
+    /// Angle from the first to the second axis minus 90°, µrad.
+    pub angle_urad: f64,
+    /// Factor by which the deviation is exaggerated in the sketch.
+    pub exaggeration: f64,
+    /// The label below the sketch, with the value.
+    pub label: String,
+}
+
+const SKETCH_WIDTH: f64 = 210.0;
+const FOOT: [f64; 2] = [52.0, 168.0];
+const LONG: f64 = 128.0;
+
+/// Draws the sketch as one `<svg>` element.
+pub fn square_sketch(sketch: &SquareSketch) -> String {
+    let mut svg = Svg::new("plot square", (SKETCH_WIDTH, 226.0), &sketch.words, "");
+    let drawn = (sketch.angle_urad * 1e-6 * sketch.exaggeration).clamp(-0.6, 0.6);
+    let drawn = if drawn.is_finite() { drawn } else { 0.0 };
+    let [x, y] = FOOT;
+    // An angle above 90° tilts the second axis away from the first.
+    let (sin, cos) = drawn.sin_cos();
+    let tip = [x - LONG * sin, y - LONG * cos];
+    svg.line("ideal", FOOT, [x, y - LONG]);
+    svg.line("axis", FOOT, [x + LONG, y]);
+    svg.line("axis tilted", FOOT, tip);
+    // The arc from the ideal to the actual second axis.
+    let arc = (0..=12).map(|step| {
+        let angle = drawn * f64::from(step) / 12.0;
+        [x - 0.72 * LONG * angle.sin(), y - 0.72 * LONG * angle.cos()]
+    });
+    svg.polyline("arc", arc);
+    svg.line("frame", [x + 14.0, y], [x + 14.0, y - 14.0]);
+    svg.line("frame", [x, y - 14.0], [x + 14.0, y - 14.0]);
+    svg.text("name", [x + LONG + 8.0, y + 4.0], Anchor::Start, &sketch.first);
+    svg.text("name", [tip[0], tip[1] - 7.0], Anchor::Middle, &sketch.second);
+    svg.text("letter", [6.0, 196.0], Anchor::Start, &sketch.label);
+    let times = format!("× {}", short(sketch.exaggeration, 0));
+    svg.text("tick", [6.0, 216.0], Anchor::Start, &times);
+    svg.finish()
 }
