@@ -6,7 +6,11 @@ use clap::Parser;
 use volcomp_focas::simulator::Options;
 use volcomp_vocabulary::AxisName;
 
-use crate::{barrier::BarrierArguments, error::SimError, measure::Settling, quantities::duration};
+use crate::{
+    error::{SimError, duration},
+    measure::Settling,
+    pmc::BarrierArguments,
+};
 
 const EXAMPLES: &str = "\
 Commands on standard input, one per line:

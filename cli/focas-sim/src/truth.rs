@@ -7,7 +7,7 @@ use volcomp_kinematics::{Chain, State, actual_pose};
 use volcomp_model::{Machine, Temperatures};
 use volcomp_vocabulary::{AxisName, Direction, Displacement};
 
-use crate::{error::SimError, quantities::letters};
+use crate::error::{SimError, letters};
 
 pub(crate) struct Truth {
     machine: Machine,

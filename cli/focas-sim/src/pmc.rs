@@ -1,21 +1,24 @@
-//! The barrier in the simulated control: its options, and the ladder made from them.
+//! Programs in the PMC of the simulated control: the barrier, with its options and the ladder made from them, and map interpolation, whose
+//! program is the reference implementation in `volcomp-tables`.
 
 use std::time::Duration;
 
-use volcomp_focas::simulator::{BarrierLadder, Ladder};
+use volcomp_focas::{
+    PmcAddress, PmcArea,
+    simulator::{BarrierLadder, Ladder, LadderProgram, World},
+};
 use volcomp_guard::{
-    barrier::{Program, Protection, SettingsError},
-    protocol::Layout,
+    barrier::{self, Program, Protection, SettingsError},
+    protocol::{Counts, Layout},
 };
 use volcomp_port::Axis;
-use volcomp_tables::OUTPUTS;
+use volcomp_tables::{
+    GRID_AXES, OUTPUTS,
+    control::{FRAME_WORDS, Lookup, REPORT_WORDS, Settings},
+};
 use volcomp_vocabulary::{AxisKind, AxisName, Um, Urad};
 
-use crate::{
-    error::SimError,
-    map::{self, MapLadder},
-    quantities::{count, duration, letters},
-};
+use crate::error::{SimError, count, duration, letters};
 
 /// The barrier in the control: it validates frames and moves the shifts at its own rate.
 #[derive(clap::Args)]
@@ -55,7 +58,7 @@ pub(crate) struct BarrierArguments {
     time_out_ms: f64,
     /// Instead of the barrier use a map of at most this number of words, 69 to 2450: frames from D0, report from D144,
     /// buffers from D200 on
-    #[arg(long, value_name = "WORDS", conflicts_with = "no_barrier", value_parser = clap::value_parser!(u16).range(69..=i64::from(map::MOST_WORDS)))]
+    #[arg(long, value_name = "WORDS", conflicts_with = "no_barrier", value_parser = clap::value_parser!(u16).range(69..=i64::from(MOST_WORDS)))]
     map_words: Option<u16>,
     /// Scan time of the control's program, ms: 0.1 to 1000
     #[arg(long, value_name = "MS", default_value_t = 2.0)]
@@ -160,7 +163,7 @@ impl BarrierArguments {
             Err(SimError::input(option, found.to_string(), expected))
         };
         let steps = i16::MAX.cast_unsigned();
-        let set = map::Set {
+        let set = Set {
             machine: self.machine_number,
             capacity,
             limit: whole("--limit-um", self.limit_um, 1.0, steps)?.cast_signed(),
@@ -176,4 +179,112 @@ impl BarrierArguments {
 
 fn axis(name: AxisName) -> Axis {
     Axis { name, includes_correction: true, resolution: count(name.kind()), largest: None }
+}
+
+/// Byte addresses in data table D: mailbox, report, and the first of the two buffers.
+const MAILBOX: u16 = 0;
+const REPORT: u16 = 144;
+const BUFFERS: u16 = 200;
+/// Maximum number of 16-bit words in a buffer. Two buffers fit into the 10 000 bytes of the data table.
+const MOST_WORDS: u16 = (10_000 - BUFFERS) / 4;
+/// Step of positions and corrections, nm.
+const STEP_NM: u32 = 1000;
+/// Minimum travel that counts as a reversal, steps: 5 µm.
+const TURNED: i32 = 5;
+
+pub(crate) struct MapLadder {
+    lookup: Lookup,
+    settings: Settings,
+    /// Index of each corrected axis among the axes of the control.
+    slots: Vec<usize>,
+}
+
+pub(crate) struct Set {
+    pub(crate) machine: u16,
+    capacity: u16,
+    /// Maximum correction, µm.
+    limit: i16,
+    /// Maximum change in one scan, µm.
+    rate: i16,
+    /// Maximum age of the report that a frame answers, scans.
+    hold_scans: u16,
+    /// Time without a frame after which the correction goes to zero, scans.
+    time_out_scans: u16,
+}
+
+fn address(at: u16) -> PmcAddress {
+    let area = PmcArea::D;
+    PmcAddress { area, at }
+}
+
+impl MapLadder {
+    pub(crate) fn new(
+        axes: Layout,
+        slots: Vec<usize>,
+        set: &Set,
+    ) -> Result<Self, volcomp_tables::control::SettingsError> {
+        let settings = Settings {
+            grid: axes,
+            outputs: barrier::Settings {
+                axes,
+                machine: set.machine,
+                limit: Counts::from_fn(|_| set.limit),
+                rate: Counts::from_fn(|_| set.rate),
+                step_scans: 1,
+                hold_scans: set.hold_scans,
+                time_out_scans: set.time_out_scans,
+            },
+            position_step_millionths: [STEP_NM; GRID_AXES],
+            output_step_nm: [STEP_NM; OUTPUTS],
+            capacity: set.capacity,
+            turned: [TURNED; GRID_AXES],
+        };
+        Ok(Self { lookup: Lookup::start(settings, 0, 0, [0; OUTPUTS])?, settings, slots })
+    }
+
+    /// Positions of the corrected axes without the correction, in steps.
+    #[expect(clippy::cast_possible_truncation, reason = "a float is cut to the range of i32")]
+    fn steps(&self, world: &World) -> [i32; GRID_AXES] {
+        let at_mm = world.commanded();
+        let mut steps = [0; GRID_AXES];
+        for (step, slot) in steps.iter_mut().zip(&self.slots) {
+            *step = (at_mm.get(*slot).copied().unwrap_or(0.0) * 1e6 / f64::from(STEP_NM)).round()
+                as i32;
+        }
+        steps
+    }
+}
+
+impl LadderProgram for MapLadder {
+    fn scan(&mut self, world: &mut World) {
+        // Copy the mailbox first; the look-up validates the copy.
+        let mut mailbox = [0; FRAME_WORDS];
+        let found = world.words(address(MAILBOX), FRAME_WORDS);
+        mailbox[..found.len()].copy_from_slice(&found);
+        let steps = self.steps(world);
+        let report = self.lookup.scan(&mailbox, &steps, world.holds());
+        let mut words = [0; REPORT_WORDS];
+        let count = report.encode(&mut words);
+        world.set_words(address(REPORT), &words[..count]);
+        for buffer in 0..2 {
+            let at = BUFFERS + 2 * self.settings.capacity * buffer;
+            world.set_words(address(at), self.lookup.buffer(buffer.into()));
+        }
+        for (slot, applied) in self.slots.iter().zip(self.lookup.memory().applied) {
+            world.set_shift(*slot, applied.into());
+        }
+    }
+
+    fn restart(&mut self, world: &mut World) {
+        let shifts = world.shift_counts();
+        let mut applied = [0; OUTPUTS];
+        for (applied, slot) in applied.iter_mut().zip(&self.slots) {
+            let counts = shifts.get(*slot).copied().unwrap_or(0);
+            *applied = i16::try_from(counts).unwrap_or(0);
+        }
+        let link = self.lookup.memory().link;
+        if let Ok(lookup) = Lookup::start(self.settings, link.epoch, link.tick, applied) {
+            self.lookup = lookup;
+        }
+    }
 }
