@@ -2,24 +2,22 @@
 //!
 //! Results of `write!` to a `String` are ignored, because they are always `Ok`.
 
+mod arguments;
 mod commands;
 mod compensation;
 mod failure;
-mod finite;
-mod limit;
 mod listing;
 mod output;
-mod plot;
-mod points;
-mod progress;
 mod table;
-mod unit;
 
 use std::{ffi::OsStr, io::IsTerminal, process::ExitCode};
 
 use anstyle::{AnsiColor, Style};
-use clap::error::{ContextKind, ContextValue};
-use clap::{CommandFactory, Parser, Subcommand, builder::Styles};
+use clap::{
+    CommandFactory, Parser, Subcommand,
+    builder::Styles,
+    error::{ContextKind, ContextValue},
+};
 
 use crate::{commands::Answer, failure::Failure, table::folded};
 

@@ -1,12 +1,22 @@
-//! Standard output, and files that are written atomically.
+//! Output: standard output, files that are written atomically, pictures as SVG or PNG, progress bars, and the refusal of numbers that are not
+//! finite, because JSON would represent them as null.
 
 use std::{
     collections::BTreeSet,
+    fmt,
     io::{self, BufWriter, ErrorKind, Write},
     path::{Path, PathBuf},
     sync::{Mutex, MutexGuard, PoisonError},
+    time::Duration,
 };
 
+use ciborium::Value;
+use indicatif::{HumanDuration, ProgressBar, ProgressState, ProgressStyle};
+use resvg::{
+    tiny_skia::{Pixmap, Transform},
+    usvg::{Options, Tree, fontdb::Database},
+};
+use serde::Serialize;
 use tempfile::{NamedTempFile, TempDir};
 
 use crate::failure::Failure;
@@ -210,5 +220,230 @@ impl PermissionsAsNewFile for tempfile::Builder<'_, '_> {
             self.permissions(std::fs::Permissions::from_mode(0o666));
         }
         self
+    }
+}
+
+/// The option of commands that draw their result.
+#[derive(clap::Args)]
+pub(crate) struct PlotArguments {
+    /// Draw the result to this file: .svg, or .png (on white, with a font of this system)
+    #[arg(long, value_name = "FILE")]
+    plot: Option<PathBuf>,
+}
+
+/// The file of a picture, which is opened before the work starts.
+pub(crate) struct PlotFile {
+    output: OutputFile,
+    path: PathBuf,
+    is_png: bool,
+}
+
+impl PlotArguments {
+    /// Opens the file of `--plot`. It must be none of the `others`: inputs and other outputs, each with its name for
+    /// the message.
+    pub(crate) fn open(&self, others: &[(&Path, &str)]) -> Result<Option<PlotFile>, Failure> {
+        let Some(path) = &self.plot else {
+            return Ok(None);
+        };
+        let ending = path.extension().unwrap_or_default();
+        let is_png = ending.eq_ignore_ascii_case("png");
+        if !is_png && !ending.eq_ignore_ascii_case("svg") {
+            return Err(Failure::Input(format!(
+                "--plot: found {}, expected a name that ends in .svg or .png",
+                path.display()
+            )));
+        }
+        // An output that does not exist yet has no canonical path, so compare absolute paths.
+        let absolute = |path: &Path| std::path::absolute(path).ok();
+        let same = (others.iter()).find(|(other, _)| absolute(other) == absolute(path));
+        if let Some((_, option)) = same {
+            return Err(Failure::in_file(
+                path,
+                format_args!("found it for --plot and for {option}, expected two files"),
+            ));
+        }
+        Ok(Some(PlotFile {
+            output: OutputFile::open_beside(path, others)?,
+            path: path.clone(),
+            is_png,
+        }))
+    }
+}
+
+impl PlotFile {
+    /// Writes the picture `svg`, an SVG document, in the format of the file: SVG or PNG.
+    pub(crate) fn write(self, svg: &str) -> Result<(), Failure> {
+        if self.is_png {
+            let mut fonts = Database::new();
+            fonts.load_system_fonts();
+            let bytes = png(svg, fonts).map_err(|what| {
+                Failure::Work(format!("{}: {what}; write .svg instead", self.path.display()))
+            })?;
+            return self.output.write_whole(bytes);
+        }
+        self.output.write_whole(svg)
+    }
+}
+
+/// Pixels per unit of a picture. With this number a picture is sharp on screens of high density and in print.
+const SCALE: f32 = 2.0;
+/// Maximum height of a picture, px. Viewers refuse larger pictures.
+const MAX_HEIGHT: f32 = 30_000.0;
+
+/// Fonts for the text of a picture, first choice first. Each has the signs µ, °, −, ± and arrows.
+const FONTS: [&str; 7] =
+    ["DejaVu Sans", "Noto Sans", "Liberation Sans", "Arial", "Helvetica", "Segoe UI", "Roboto"];
+
+/// Renders a picture on white as PNG. No font is embedded, because every desktop system has fonts. Without fonts the
+/// function fails, because `usvg` omits text without a font.
+fn png(svg: &str, mut fonts: Database) -> Result<Vec<u8>, String> {
+    let has = |name: &&str| {
+        let mut families = fonts.faces().flat_map(|face| &face.families);
+        families.any(|(family, _)| family == name)
+    };
+    let of_list = FONTS.into_iter().find(has).map(str::to_owned);
+    let first = || {
+        let face = fonts.faces().find(|face| !face.monospaced)?;
+        Some(face.families.first()?.0.clone())
+    };
+    let family = of_list
+        .or_else(first)
+        .ok_or("this system has no font for the text of a PNG: install one, such as DejaVu Sans")?;
+    fonts.set_sans_serif_family(&family);
+    fonts.set_serif_family(&family);
+    let options =
+        Options { font_family: family, fontdb: std::sync::Arc::new(fonts), ..Options::default() };
+    let tree = Tree::from_str(svg, &options).map_err(|error| format!("the picture: {error}"))?;
+    let size = tree.size();
+    if size.height() > MAX_HEIGHT {
+        return Err("the picture is too high for PNG".to_owned());
+    }
+    let scale = SCALE.min(MAX_HEIGHT / size.height());
+    let scaled = size.to_int_size().scale_by(scale);
+    let scaled = scaled.ok_or("the picture has no size")?;
+    let mut pixels = Pixmap::new(scaled.width(), scaled.height())
+        .ok_or("there is not enough memory for the picture")?;
+    resvg::render(&tree, Transform::from_scale(scale, scale), &mut pixels.as_mut());
+    pixels.encode_png().map_err(|error| format!("PNG: {error}"))
+}
+
+pub(crate) fn bar(count: usize, what: &str) -> ProgressBar {
+    let bar = ProgressBar::new(count as u64);
+    let template = format!("{{bar:30}} {{pos}}/{{len}} {what} {{left}}");
+    styled(bar, &template)
+}
+
+/// Runs an operation with a progress bar. The operation reports the number of finished steps and of all steps.
+pub(crate) fn with_bar<T, E>(
+    what: &str,
+    work: impl FnOnce(&mut dyn FnMut(usize, usize)) -> Result<T, E>,
+) -> Result<T, E> {
+    let bar = bar(0, what);
+    let done = work(&mut |done, of| {
+        bar.set_length(of as u64);
+        bar.set_position(done as u64);
+    });
+    bar.finish_and_clear();
+    done
+}
+
+pub(crate) fn byte_bar(bytes: u64) -> ProgressBar {
+    let bar = ProgressBar::new(bytes);
+    styled(bar, "{bar:30} {bytes}/{total_bytes} {left}")
+}
+
+fn styled(bar: ProgressBar, template: &str) -> ProgressBar {
+    let style = ProgressStyle::with_template(template);
+    let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
+    bar.with_style(style.with_key("left", |state: &ProgressState, out: &mut dyn fmt::Write| {
+        // A failure to draw the bar cannot be reported.
+        let _ = out.write_str(&left(state.pos(), state.eta()));
+    }))
+}
+
+/// The remaining time as text; empty before the first step is finished.
+fn left(done: u64, eta: Duration) -> String {
+    match done {
+        0 => String::new(),
+        _ => format!("{:#} left", HumanDuration(eta)),
+    }
+}
+
+/// The key of the first number that is NaN or infinite; `None` if all numbers are finite.
+pub(crate) fn first_not_finite(document: &impl Serialize) -> Option<String> {
+    // Unlike JSON, CBOR represents such numbers. A value that CBOR cannot represent is rejected later by JSON.
+    below(&Value::serialized(document).ok()?)
+}
+
+/// The failure of a result with a number under `key` that is not finite.
+pub(crate) fn not_finite(key: &str) -> Failure {
+    Failure::Input(format!(
+        "the result `{key}` is not a finite number: check the numbers in the input files, which are too large or do not determine it"
+    ))
+}
+
+fn below(value: &Value) -> Option<String> {
+    match value {
+        Value::Float(number) => (!number.is_finite()).then(String::new),
+        Value::Array(items) => {
+            let mut items = items.iter().enumerate();
+            items.find_map(|(index, item)| Some(joined(&format!("[{index}]"), &below(item)?)))
+        }
+        Value::Map(entries) => {
+            let mut entries = entries.iter();
+            entries.find_map(|(key, item)| Some(joined(key.as_text()?, &below(item)?)))
+        }
+        _ => None,
+    }
+}
+
+fn joined(key: &str, rest: &str) -> String {
+    let dot = if rest.is_empty() || rest.starts_with('[') { "" } else { "." };
+    format!("{key}{dot}{rest}")
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use super::{first_not_finite, *};
+
+    #[test]
+    fn a_system_without_fonts_gets_an_error_and_no_picture_without_text() {
+        let svg = "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"10\" height=\"10\"/>";
+        let found = png(svg, Database::new()).expect_err("no font");
+        assert!(found.contains("no font") && found.contains("install one"), "{found}");
+    }
+
+    #[derive(serde::Serialize)]
+    #[serde(untagged)]
+    enum Shape {
+        Plain(f64),
+        Named { value: Option<f64> },
+    }
+
+    #[derive(serde::Serialize)]
+    struct Document {
+        name: &'static str,
+        shapes: Vec<Shape>,
+        by_axis: BTreeMap<String, [f64; 2]>,
+    }
+
+    #[test]
+    fn the_first_number_that_is_not_finite_is_named() {
+        let document = |shape: f64, named: Option<f64>, axis: f64| Document {
+            name: "NaN",
+            shapes: vec![Shape::Plain(shape), Shape::Named { value: named }],
+            by_axis: BTreeMap::from([("X".to_owned(), [0.0, axis])]),
+        };
+        let cases = [
+            (document(1.0, None, 2.0), None),
+            (document(f64::NAN, None, 2.0), Some("shapes[0]")),
+            (document(1.0, Some(f64::INFINITY), 2.0), Some("shapes[1].value")),
+            (document(1.0, Some(0.0), f64::NEG_INFINITY), Some("by_axis.X[1]")),
+        ];
+        for (document, key) in cases {
+            assert_eq!(first_not_finite(&document).as_deref(), key);
+        }
     }
 }

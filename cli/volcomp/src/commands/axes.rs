@@ -6,8 +6,8 @@ use volcomp_vocabulary::AxisName;
 
 use super::{Answer, ByAxis, fixed, in_degrees, table, table_text};
 use crate::{
+    arguments::{GeometryArguments, three},
     failure::Failure,
-    points::{GeometryArguments, three},
     table::folded,
 };
 

@@ -13,9 +13,9 @@ use volcomp_vocabulary::{AxisKind, AxisName, Component, CorrectionLimit, ErrorNa
 
 use super::{Answer, ByAxis, in_degrees, machine_notes, micrometres, microradians, rotary_note};
 use crate::{
-    commands::outside::joined,
+    arguments::SpindleArguments,
     failure::Failure,
-    points::SpindleArguments,
+    listing::joined,
     table::{HEAD, fixed, folded, table, table_text, to_the_left},
 };
 

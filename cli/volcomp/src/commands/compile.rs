@@ -5,7 +5,7 @@ use serde::Serialize;
 use volcomp_model::{Tolerance, evaluator::BLOB_VERSION, hexadecimal};
 
 use super::{Answer, machine_notes};
-use crate::{failure::Failure, output::OutputFile, points::SpindleArguments};
+use crate::{arguments::SpindleArguments, failure::Failure, output::OutputFile};
 
 /// Write the compiled machine for real-time evaluation
 ///

@@ -12,15 +12,13 @@ use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES};
 
 use super::{
     Answer, ByAxis, in_degrees, machine_notes, micro, micrometres, microradians,
-    not_counted::{NotCounted, words},
-    outside::{Outside, joined, outside, outside_note},
-    uncertainty::UncertaintyArguments,
+    uncertainty::{NotCounted, UncertaintyArguments, words},
 };
 use crate::{
+    arguments::{ApproachArguments, MachineArguments, PointArguments, axis},
     failure::Failure,
-    listing::{Listing, Row},
+    listing::{Listing, Outside, Row, joined, outside, outside_note},
     output::OutputFile,
-    points::{ApproachArguments, MachineArguments, PointArguments, axis},
     table::{fixed, folded, table, table_text},
 };
 

@@ -13,18 +13,20 @@ use volcomp_calibrate::{CalibrationFile, CurveChoice, Method, Setup};
 use volcomp_curve::{Curve, ErrorCurve, Field, MovingLeastSquares};
 use volcomp_fit::{Fit, FitError, FitOptions, fit_auto, fit_bspline, fit_mls, fit_polynomial};
 use volcomp_kinematics::{CorrectionOptions, State};
-use volcomp_metrology::{
-    self as metrology, MotionKind, ReferenceLine, read_file, squareness_parts,
-};
+use volcomp_metrology as metrology;
+use volcomp_metrology::{MotionKind, ReferenceLine, read_file, squareness_parts};
 use volcomp_model::{Machine, Temperatures, corrected, diagonals, quantised};
 use volcomp_shop::{LineOfSight, Shop, ShopLine};
 use volcomp_vocabulary::{Direction, ErrorName, Urad};
 
-use super::{Answer, calibrate, fixed, range, simulate, simulate::write_listed, table, table_text};
+use super::{
+    Answer, calibrate, fixed, range,
+    simulate::{self, write_listed},
+    table, table_text,
+};
 use crate::{
     failure::Failure,
-    output::TemporaryFolder,
-    progress,
+    output::{self, TemporaryFolder},
     table::{folded, or_dash, to_the_left},
 };
 
@@ -282,7 +284,7 @@ fn compare(shop: &Shop, machine: &Machine, folder: &Path) -> Result<Demo, Failur
             after_um: after.range_um,
         })
         .collect();
-    let bar = progress::bar(shop.lines.len(), "lines compared");
+    let bar = output::bar(shop.lines.len(), "lines compared");
     let lines = compare_lines(shop, &command, |done| bar.set_position(done as u64))?;
     bar.finish_and_clear();
     let mean_of = |straightness: bool| {

@@ -5,7 +5,7 @@ use volcomp_kinematics::{DhConvention, DhTable, Pose};
 use volcomp_vocabulary::{AxisKind, AxisName};
 
 use super::{Answer, fixed, table, table_text};
-use crate::{failure::Failure, points::GeometryArguments, table::folded};
+use crate::{arguments::GeometryArguments, failure::Failure, table::folded};
 
 /// Show the Denavit–Hartenberg table of a machine at machine zero
 ///

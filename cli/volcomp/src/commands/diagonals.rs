@@ -12,11 +12,10 @@ use volcomp_vocabulary::{AxisName, Displacement};
 
 use super::{Answer, fixed, machine_notes, one_line, rotary_note, table, table_text};
 use crate::{
+    arguments::{MachineArguments, OthersArguments},
     compensation::{Compensated, Compensation, CompensationArguments},
     failure::Failure,
-    output::OutputFile,
-    plot::PlotArguments,
-    points::{MachineArguments, OthersArguments},
+    output::{OutputFile, PlotArguments},
 };
 
 const LINEAR: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];

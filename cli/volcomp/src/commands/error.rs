@@ -6,14 +6,11 @@ use serde::Serialize;
 use volcomp_kinematics::{Form, State, volumetric_error};
 use volcomp_model::{Machine, MachineErrors};
 
-use super::{
-    Answer, ByAxis, fixed, machine_notes, micrometres, microradians,
-    outside::{Outside, outside, outside_note},
-};
+use super::{Answer, ByAxis, fixed, machine_notes, micrometres, microradians};
 use crate::{
+    arguments::{ApproachArguments, MachineArguments, PointArguments},
     failure::Failure,
-    listing::{Listing, Row},
-    points::{ApproachArguments, MachineArguments, PointArguments},
+    listing::{Listing, Outside, Row, outside, outside_note},
 };
 
 /// Show the volumetric error at a position: actual minus ideal, in workpiece axes

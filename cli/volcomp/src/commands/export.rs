@@ -17,10 +17,9 @@ use volcomp_vocabulary::AxisName;
 
 use super::{Answer, ByAxis, fixed, machine_notes, table, table_text};
 use crate::{
+    arguments::{LimitArgument, MachineArguments, RAISE_LIMIT, axis_numbers, by_axis, parse_at},
     failure::{Failure, FileFailure},
-    limit::{LimitArgument, RAISE_LIMIT},
     output::OutputFile,
-    points::{MachineArguments, axis_numbers, by_axis, parse_at},
     table::{folded, to_the_left},
 };
 

@@ -5,7 +5,7 @@ use serde::Serialize;
 use volcomp_sensitivity::{ErrorTerm, Expression, Grouped};
 
 use super::{Answer, sensitivity::errors_of};
-use crate::{failure::Failure, points::GeometryArguments, table::folded};
+use crate::{arguments::GeometryArguments, failure::Failure, table::folded};
 
 /// Print the first-order volumetric error as a formula: each error with its lever
 #[derive(clap::Args)]

@@ -17,10 +17,10 @@ use volcomp_vocabulary::AxisKind;
 
 use super::{Answer, fixed, table, table_text};
 use crate::{
+    arguments::{self, Unit},
     failure::Failure,
-    plot::PlotArguments,
+    output::PlotArguments,
     table::{folded, to_the_left},
-    unit::{self, Unit},
 };
 
 /// Fit a curve to the mean deviation at each target
@@ -219,7 +219,7 @@ pub(crate) fn run(arguments: &FitArguments) -> Result<Answer, Failure> {
     let mut measurement = read_file(&arguments.data)?;
     measurement.check_directions()?;
     measurement.check_lines_of_runs()?;
-    let unit = unit::apply(&arguments.data, &mut measurement, arguments.unit)?;
+    let unit = arguments::apply(&arguments.data, &mut measurement, arguments.unit)?;
     let (x, u): (Vec<f64>, Vec<f64>) = measurement.mean_curve().into_iter().unzip();
     let failed = |e: FitError| Failure::Input(format!("{}: {e}", arguments.data.display()));
     let (fit, auto) = fit(arguments, &measurement, (&x, &u)).map_err(failed)?;

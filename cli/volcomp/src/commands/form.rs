@@ -9,7 +9,7 @@ use volcomp_metrology::form::{
 };
 
 use super::{Answer, fixed, range, table, table_text};
-use crate::{failure::Failure, points::numbers, table::folded};
+use crate::{arguments::numbers, failure::Failure, table::folded};
 
 /// Fit a feature to measured points: form deviation, position and axis
 ///

@@ -1,5 +1,7 @@
-use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
+use std::{
+    fmt::Write as _,
+    path::{Path, PathBuf},
+};
 
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -9,7 +11,11 @@ use volcomp_identify::{
 use volcomp_report::residuals_picture;
 
 use super::{Answer, fixed, refuse_overwriting, table, table_text};
-use crate::{failure::Failure, output::OutputFile, plot::PlotArguments, progress, table::folded};
+use crate::{
+    failure::Failure,
+    output::{self, OutputFile, PlotArguments},
+    table::folded,
+};
 
 /// Identify errors from trackers, spheres, ballbars, ball rows and diagonals
 #[derive(clap::Args)]
@@ -61,7 +67,7 @@ pub(crate) fn run(arguments: &IdentifyArguments) -> Result<Answer, Failure> {
 
 pub(super) fn find(observations: &Observations) -> Result<Identification, Failure> {
     let work = |told: &mut dyn FnMut(usize, usize)| identify(observations, told);
-    Ok(progress::with_bar("fits", work)?)
+    Ok(output::with_bar("fits", work)?)
 }
 
 fn text(found: &Identification, output: &Path) -> String {

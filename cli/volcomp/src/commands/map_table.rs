@@ -13,9 +13,9 @@ use volcomp_vocabulary::AxisName;
 
 use super::{Answer, ByAxis, fixed, machine_notes, table, table_text};
 use crate::{
+    arguments::{MachineArguments, OthersArguments, axis},
     failure::Failure,
     output::OutputFile,
-    points::{MachineArguments, OthersArguments, axis},
     table::folded,
 };
 

@@ -3,7 +3,6 @@
 pub(crate) mod age;
 pub(crate) mod axes;
 pub(crate) mod calibrate;
-pub(crate) mod calibrate_draft;
 pub(crate) mod check;
 pub(crate) mod compile;
 pub(crate) mod completions;
@@ -25,11 +24,8 @@ pub(crate) mod iso230;
 pub(crate) mod map;
 pub(crate) mod map_table;
 pub(crate) mod nc;
-pub(crate) mod not_counted;
-pub(crate) mod outside;
 pub(crate) mod probe;
 pub(crate) mod report;
-mod same_machine;
 pub(crate) mod schema;
 pub(crate) mod sensitivity;
 pub(crate) mod simulate;
@@ -50,13 +46,13 @@ use volcomp_metrology::Decision;
 use volcomp_model::{Machine, Temperatures};
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement};
 
-pub(crate) use crate::table::{fixed, table, table_text};
 use crate::{
     failure::Failure,
-    finite::{first_not_finite, not_finite},
     listing::Listing,
-    output::OutputFile,
+    output::{OutputFile, first_not_finite, not_finite},
 };
+
+pub(crate) use crate::table::{fixed, table, table_text};
 
 /// Values by axis letter, in the order X Y Z A B C U V W.
 pub(crate) type ByAxis = BTreeMap<AxisName, f64>;

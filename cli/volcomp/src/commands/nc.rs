@@ -19,13 +19,10 @@ use volcomp_report::{ProgramFigures, ProgramPlace, program_picture};
 
 use super::{Answer, fixed, machine_notes, table, table_text, thermal_note};
 use crate::{
+    arguments::{LimitArgument, MachineArguments, RAISE_LIMIT},
     compensation::{refuse_other_geometry, resolution},
     failure::Failure,
-    limit::{LimitArgument, RAISE_LIMIT},
-    output::OutputFile,
-    plot::{PlotArguments, PlotFile},
-    points::MachineArguments,
-    progress::byte_bar,
+    output::{OutputFile, PlotArguments, PlotFile, byte_bar},
     table::folded,
 };
 

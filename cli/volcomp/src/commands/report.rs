@@ -26,8 +26,8 @@ use super::{
     uncertainty::{Measured, UncertaintyArguments},
 };
 use crate::{
-    compensation::refuse_other_geometry, failure::Failure, output::OutputFile,
-    points::OthersArguments,
+    arguments::OthersArguments, compensation::refuse_other_geometry, failure::Failure,
+    output::OutputFile,
 };
 
 /// Write the report of a calibration as one self-contained HTML file

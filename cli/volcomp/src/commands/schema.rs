@@ -7,8 +7,7 @@ use serde_json::json;
 
 use super::{
     Answer, age, axes,
-    calibrate::Calibrate,
-    calibrate_draft::Drafted,
+    calibrate::{Calibrate, Drafted},
     check, compile, completions,
     correct::CorrectionAt,
     demo, dh,
@@ -29,8 +28,8 @@ use super::{
     write_file,
 };
 use crate::{
+    arguments::OneOrMany,
     failure::{Failure, FailureDocument},
-    points::OneOrMany,
 };
 
 /// Write the JSON Schemas of all documents of --json

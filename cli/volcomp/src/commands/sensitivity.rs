@@ -16,10 +16,9 @@ use volcomp_vocabulary::{AxisName, Displacement};
 
 use super::{Answer, fixed, table, table_text};
 use crate::{
+    arguments::{GeometryArguments, states_of},
     failure::Failure,
-    plot::PlotArguments,
-    points::{GeometryArguments, states_of},
-    progress,
+    output::{self, PlotArguments},
     table::{HEAD, folded},
 };
 
@@ -86,7 +85,7 @@ pub(crate) fn run(arguments: &SensitivityArguments) -> Result<Answer, Failure> {
         (poses, too_few(&machine, count))
     };
     let errors = errors_of(&machine, arguments.assembly);
-    let bar = progress::bar(0, "positions");
+    let bar = output::bar(0, "positions");
     let told = |done: usize, of: usize| {
         bar.set_length(of as u64);
         bar.set_position(done as u64);

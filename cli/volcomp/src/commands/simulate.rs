@@ -11,7 +11,10 @@ use volcomp_model::hexadecimal;
 use volcomp_shop::{CALIBRATED, Shop, ShopError};
 
 use super::{Answer, same_file, write_file};
-use crate::{failure::Failure, output::OutputFile, progress};
+use crate::{
+    failure::Failure,
+    output::{self, OutputFile},
+};
 
 /// Simulate measurements: files of a true machine and noisy instruments, with the calibration and observations files that
 /// read them
@@ -139,7 +142,7 @@ pub(crate) fn write(shop: &Shop, folder: &Path) -> Result<Written, Failure> {
     let mut list = WrittenFiles::read(folder)?;
     // Opening the first file checks that the folder is writable before the work starts.
     let first = OutputFile::open(&folder.join("machine.toml"))?;
-    let bar = progress::bar(shop.count(), "lines and observations measured");
+    let bar = output::bar(shop.count(), "lines and observations measured");
     let files = shop.files(|done, _| bar.set_position(done as u64))?;
     bar.finish_and_clear();
     for (name, text) in &files {

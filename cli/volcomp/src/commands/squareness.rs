@@ -10,13 +10,18 @@ use volcomp_metrology::{
 use volcomp_report::{SlopePlot, SquarenessPlot, squareness_picture};
 use volcomp_vocabulary::{AxisName, ErrorName, Urad};
 
-use super::straightness::{Reference, key, odd, read};
 use super::{
     Answer,
     evaluation::{Judgement, decision_text, quantities_text, tolerances},
-    fixed, table, table_text,
+    fixed,
+    straightness::{Reference, key, odd, read},
+    table, table_text,
 };
-use crate::{failure::Failure, plot::PlotArguments, points::three, unit::Unit};
+use crate::{
+    arguments::{Unit, three},
+    failure::Failure,
+    output::PlotArguments,
+};
 
 /// Calculate the squareness of two axes from two straightness files, or from the lengths of a printed square
 #[derive(clap::Args)]

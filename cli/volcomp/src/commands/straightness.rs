@@ -23,10 +23,10 @@ use super::{
     fixed, table, table_text,
 };
 use crate::{
+    arguments::{self, Unit},
     failure::Failure,
-    plot::PlotArguments,
+    output::PlotArguments,
     table::coordinate,
-    unit::{self, Unit},
 };
 
 /// Evaluate the straightness of a motion about reference lines, also from tilts
@@ -146,7 +146,7 @@ pub(crate) fn run(arguments: &StraightnessArguments) -> Result<Answer, Failure> 
 /// Reads a straightness file and converts its deviations to µm. Rejects other kinds of files.
 pub(crate) fn read(path: &Path, asked: Option<Unit>) -> Result<Measurement, Failure> {
     let mut measurement = read_file(path)?;
-    if unit::apply(path, &mut measurement, asked)? == DeviationUnit::Urad {
+    if arguments::apply(path, &mut measurement, asked)? == DeviationUnit::Urad {
         let what = "found angles, expected straightness readings in µm; of the tilts of a bridge state --bridge-mm";
         return Err(Failure::in_file(path, what));
     }
@@ -197,7 +197,7 @@ fn one(
                     "the unit of the tilts is not stated, taken as µrad: state it with --unit";
                 measurement.notes.push(note.to_owned());
             }
-            if unit::apply(path, &mut measurement, arguments.unit)? == DeviationUnit::Um {
+            if arguments::apply(path, &mut measurement, arguments.unit)? == DeviationUnit::Um {
                 let what = "found lengths, expected tilts with --bridge-mm";
                 return Err(Failure::in_file(path, what));
             }

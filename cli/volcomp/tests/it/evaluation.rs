@@ -138,7 +138,7 @@ fn diagonals_are_named_by_file_or_option_and_hint_at_squareness() {
     let files: Vec<&str> = paths.iter().map(String::as_str).collect();
     let call = |options: &[&str]| json(&[&["iso230", "--part", "6"], &files[..], options].concat());
     let found = call(&["--box-mm", "300,300,300"]);
-    crate::schema::validate("iso230-diagonals", &found);
+    crate::every_command::validate("iso230-diagonals", &found);
     assert_eq!(found["squareness"][0]["error"], "EC0Y");
     close(&found["squareness"][0]["urad"], 20.0, 1e-6);
     close(&found["squareness"][1]["urad"], 0.0, 1e-6);

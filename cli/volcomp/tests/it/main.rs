@@ -1,34 +1,24 @@
 //! The `volcomp` program: its output, its JSON documents, its exit status.
 
 mod answers;
-mod bounds;
 mod check;
 mod correct;
 mod evaluation;
+mod every_command;
 mod export;
 mod fit_auto;
 mod fit_thermal;
-mod help;
 mod map;
-mod map_table;
 mod measurement_files;
 mod nc;
-mod nc_parts;
+mod network;
 mod plots;
-mod points;
 mod printers;
-mod probe;
-mod provenance;
 mod report;
-mod schema;
 mod simulated;
 mod structures;
-mod studio;
 mod uncertainty;
-mod units;
 mod whole_way;
-mod width;
-mod wrong_files;
 mod wrong_input;
 
 use std::{
@@ -39,6 +29,7 @@ use std::{
 
 use serde_json::Value;
 use tempfile::TempDir;
+
 pub(crate) use volcomp_test_support::root;
 
 /// A command line: one text with spaces, or a list of arguments.

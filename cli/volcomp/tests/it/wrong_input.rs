@@ -1,8 +1,14 @@
-//! Wrong calls and broken files: status 2, a message, nothing on standard output.
+//! Wrong calls, files, units and numbers: status 2, a message that names what was found and the likely intention, nothing on standard output,
+//! and no file written.
 
 use std::{fs, path::Path};
 
-use crate::{Folder, contains, refuse_each, refused, refuses, root, volcomp};
+use serde_json::{Value, json};
+
+use crate::{
+    Folder, contains, json, list, one_line, refuse_each, refused, refuses, root, text, volcomp,
+    words,
+};
 
 const GANTRY: &str = "examples/gantry.toml";
 
@@ -186,4 +192,342 @@ fn a_mistyped_command_is_told_no_hidden_one() {
         assert!(!said.contains("'schema'"), "{said}");
         contains(&said, &format!("'{meant}"));
     }
+}
+
+const FIRST: &str = "examples/first.toml";
+
+#[test]
+fn a_file_of_another_kind_is_named() {
+    let folder = Folder::new();
+    let blob = folder.file("m.blob");
+    json(&["compile", FIRST, "-o", &blob]);
+    let calls = "
+check examples/calibration/calibration.toml => found a calibration file (it has the key `measurement`), expected a machine file
+check examples/gateway.toml => found a configuration of the gateway
+check examples/calibration/shop.toml => found a shop file
+check examples/temperature-module.toml => found a profile of a Modbus module
+check examples/calibration/exx.csv => expected TOML: `key = value` or `[table]`
+check $blob => found a compiled machine (volcomp compile)
+check $program => is not UTF-8
+check examples => examples: cannot be read
+calibrate $first -o $out => found a machine file (it has the key `structure`), expected a calibration file
+simulate $first -o $out => expected a shop file
+identify $first -o $out => expected a file of observations
+calibrate examples/calibration/shop.toml -o $out => found a shop file
+";
+    refuse_each(
+        calls,
+        &[
+            ("$blob", &blob),
+            ("$program", env!("CARGO_BIN_EXE_volcomp")),
+            ("$first", FIRST),
+            ("$out", &folder.file("out")),
+        ],
+    );
+}
+
+#[test]
+fn a_file_that_is_read_is_not_written_over() {
+    let folder = Folder::new();
+    let machine = folder.path().join("machine.toml");
+    let file = machine.display().to_string();
+    let good = fs::read_to_string(root().join(FIRST)).expect("read");
+    fs::write(&machine, &good).expect("written");
+    for call in [
+        &["compile", &file, "-o", &file][..],
+        &["correct", "-m", &file, "--at", "X=1", "-o", &file],
+    ] {
+        refuses(call, "expected another one to write");
+        assert_eq!(fs::read_to_string(&machine).expect("read"), good);
+    }
+    let points = folder.write("points.csv", "X\n1\n");
+    refuses(
+        &["correct", "-m", &file, "--points", &points, "-o", &points],
+        "this is the file of --points, expected another one to write",
+    );
+    assert_eq!(fs::read_to_string(&points).expect("read"), "X\n1\n");
+}
+
+/// Bytes that are not UTF-8 give the same message in every command, with file and position of the byte.
+#[test]
+fn bytes_that_are_not_utf_8_are_told_with_their_place() {
+    let folder = Folder::new();
+    let path = folder.path().join("latin.csv");
+    fs::write(&path, b"time_s,spindle_degc,z_um\n0,20,\xb5\n").expect("written");
+    let file = path.display().to_string();
+    for call in
+        [&["fit-thermal", &file][..], &["error", "-m", FIRST, "--points", &file], &["check", &file]]
+    {
+        let message = refused(call);
+        let expected = format!("{file}: byte 30 is not UTF-8, expected a text file in UTF-8");
+        assert!(message.contains(&expected), "{call:?}: {message}");
+    }
+}
+
+/// Mistakes that the message table of volcomp-model does not cover.
+#[test]
+fn slips_in_a_machine_file_are_told_with_what_was_meant() {
+    let folder = Folder::new();
+    let good = fs::read_to_string(root().join(FIRST)).expect("read");
+    for (from, to, expected) in [
+        ("EC0Y = 12.0", "ec0y = 12.0", "found `ec0y`, expected upper-case letters: `EC0Y`"),
+        ("[axes.X]", "[axes.x]", "found `x`, expected an upper-case letter: `X`"),
+        (
+            "travel = [0.0, 1000.0]",
+            "travel = [0,0, 1000,0]",
+            "found an array of 4, expected an array of 2 numbers; a number has a decimal point",
+        ),
+    ] {
+        let file = folder.write("machine.toml", good.replacen(from, to, 1));
+        refuses(&format!("check {file}"), expected);
+    }
+    refuses(
+        &format!("check {FIRST} --tool T1"),
+        "has no tool `T1`, and its file states none in [tools]",
+    );
+}
+
+/// Writes `examples/mill.toml` with `line` in place of the line of the same key (EXX or EC0Y). Returns the path.
+fn mill(folder: &Path, name: &str, line: &str) -> String {
+    let text = fs::read_to_string(root().join("examples/mill.toml")).expect("the example");
+    let key = line.split(' ').next().expect("a key");
+    let lines =
+        text.lines().map(|old| if old.starts_with(&format!("{key} =")) { line } else { old });
+    let path = folder.join(name);
+    fs::write(&path, lines.collect::<Vec<_>>().join("\n")).expect("written");
+    path.to_str().expect("a path in UTF-8").to_owned()
+}
+
+fn said(output: &std::process::Output) -> String {
+    String::from_utf8_lossy(&output.stderr).split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+#[test]
+fn a_slip_of_units_writes_no_program_and_no_table() {
+    let folder = Folder::new();
+    let machine = mill(folder.path(), "slip.toml", "EXX = { poly = [0.0, 20] }");
+    let result = folder.file("result");
+    for (call, limit) in [
+        ("nc examples/part.ngc --setup examples/setup.toml --limit-um 2000", 2000),
+        ("nc examples/part.mpf --setup examples/setup.toml", 250),
+        ("export --format csv", 250),
+    ] {
+        let output = volcomp(&format!("{call} -m {machine} -o {result}"));
+        assert_eq!(output.status.code(), Some(2), "{call}: {output:?}");
+        let said = said(&output);
+        assert!(
+            said.contains(&format!("expected at most {limit} µm"))
+                && said.ends_with("or allow more with --limit-um"),
+            "{said}"
+        );
+        assert!(!Path::new(&result).exists(), "{call}");
+    }
+    let checked = said(&volcomp(&["check", &machine]));
+    contains(&checked, "WARNING: the correction of X reaches");
+    contains(&checked, "more than the 2000 µm that no command and no gateway applies");
+    // The correction of X is between the default limit of 250 µm and the maximum of `--limit-um`, 2000 µm.
+    let machine = mill(folder.path(), "large.toml", "EXX = { poly = [0.0, 1] }");
+    let checked = said(&volcomp(&["check", &machine]));
+    contains(&checked, "more than the 250 µm that nc and export allow");
+    let output = volcomp(&format!("export -m {machine} --format csv -o {result} --limit-um 700"));
+    assert!(output.status.success(), "{output:?}");
+    let checked = said(&volcomp(&["check", "examples/mill.toml"]));
+    assert!(!checked.contains("WARNING"), "{checked}");
+    // 11.5 µm/(m·K) over 8 m, with a correction of 48 µm at 20 °C.
+    let checked = said(&volcomp(&["check", "examples/gantry.toml"]));
+    let checked = one_line(&checked);
+    contains(
+        &checked,
+        "the correction of X changes by up to 92.0 µm with each kelvin of the sensors: 2.1 K from 20 °C it may reach the 250 µm that nc and export allow",
+    );
+    // On a machine whose rotary axes correct, `nc` limits the effect of the correction at the tool.
+    let text = "structure = \"w C' A' b X Y Z t\"\n[axes]\nX.travel = [-300.0, 300.0]\nY.travel = [-200.0, 200.0]\nZ.travel = [-150.0, 150.0]\nA.travel = [-110.0, -30.0]\nC.travel = [-180.0, 180.0]\n[errors]\nEXX = { poly = [0.0, 1] }\n";
+    let machine = folder.path().join("rotary.toml");
+    std::fs::write(&machine, text).expect("written");
+    let checked = said(&volcomp(&["check", machine.to_str().expect("UTF-8")]));
+    let checked = one_line(&checked);
+    contains(&checked, "more than the 250 µm that export allows without --limit-um (nc bounds");
+}
+
+#[test]
+fn limits_above_the_ceiling_are_refused() {
+    for limit in ["0", "-5", "2001", "inf"] {
+        let call = words("export -m examples/mill.toml --format csv -o x");
+        let message = refused(&[&call[..], &["--limit-um", limit]].concat());
+        let expected = format!("--limit-um: found {limit}, expected µm above 0, at most 2000");
+        contains(&message, &expected);
+    }
+}
+
+/// A number that overflows is rejected by every command with its position, in any key.
+#[test]
+fn numbers_that_overflow_are_refused_by_every_command() {
+    let folder = Folder::new();
+    for line in ["EC0Y = 1e308", "EXX = { poly = [0.0, 1e308] }", "EXX = { poly = [1e14, 1e14] }"] {
+        let machine = mill(folder.path(), "m.toml", line);
+        for call in [
+            vec!["check", &machine],
+            vec!["error", "-m", &machine, "--at", "X=100"],
+            vec!["correct", "-m", &machine, "--at", "X=100"],
+            vec!["diagonals", "-m", &machine],
+            vec!["map", "-m", &machine, "--grid", "3x3x3"],
+            vec!["dh", "-m", &machine],
+        ] {
+            let output = volcomp(&call);
+            assert_eq!(output.status.code(), Some(2), "{call:?} {line}: {output:?}");
+            assert!(output.stdout.is_empty(), "{call:?} {line}: {output:?}");
+            let said = said(&output);
+            contains(&said, "m.toml:");
+            contains(&said, "expected");
+        }
+    }
+}
+
+const SHOP: &str = "cli/volcomp/demo/shop.toml";
+
+fn keys(document: &Value) -> Vec<String> {
+    match document {
+        Value::Object(entries) => entries
+            .iter()
+            .flat_map(|(key, value)| std::iter::once(key.clone()).chain(keys(value)))
+            .collect(),
+        Value::Array(items) => items.iter().flat_map(keys).collect(),
+        _ => Vec::new(),
+    }
+}
+
+fn ending_in(document: &Value, unit: &str) -> Vec<String> {
+    let all = keys(document).into_iter();
+    all.filter(|key| key.ends_with(unit)).collect()
+}
+
+#[test]
+fn angles_stand_under_keys_of_angles() {
+    let folder = Folder::new();
+    let lasers = folder.path().join("lasers");
+    json(&["simulate", SHOP, "-o", &lasers.display().to_string()]);
+    let file = |name: &str| lasers.join(name).display().to_string();
+
+    let angles = json(&["iso230", &file("eay.rta")]);
+    assert_eq!(angles["unit"], "urad");
+    assert_eq!(ending_in(&angles, "_um"), Vec::<String>::new());
+    let lengths = json(&["iso230", &file("exx.rtl")]);
+    assert_eq!(lengths["unit"], "um");
+    assert_eq!(ending_in(&lengths, "_urad"), Vec::<String>::new());
+    // Lengths and angles have the same symbols, down to the readings of a target.
+    let symbols = |document: &Value, unit: &str| -> Vec<String> {
+        let keys = ending_in(document, unit).into_iter();
+        let mut symbols: Vec<String> = keys.map(|key| key.replace(unit, "")).collect();
+        symbols.sort();
+        symbols.dedup();
+        symbols
+    };
+    assert_eq!(symbols(&angles, "_urad"), symbols(&lengths, "_um"));
+    assert!(symbols(&lengths, "_um").contains(&"A_forward".to_owned()));
+
+    let machine = folder.file("m.toml");
+    let answer = json(&["calibrate", &file("calibration.toml"), "-o", &machine]);
+    for curve in list(&answer["curves"]) {
+        let is_angular = curve["error"].as_str().is_some_and(|e| "ABC".contains(&e[1..2]));
+        assert_eq!(is_angular, curve["unit"] == "urad", "{curve}");
+    }
+
+    // `--unit` states the unit of a file without a unit. It never turns angles into lengths.
+    for (name, unit, found, expected) in
+        [("eay.rta", "um", "µrad", "µm"), ("exx.rtl", "urad", "µm", "µrad")]
+    {
+        let message = refused(&["iso230", &file(name), "--unit", unit]);
+        let said = format!("{name}: found deviations in {found}, expected {expected}");
+        contains(&message, &said);
+    }
+    assert_eq!(json(&["iso230", &file("eay.rta"), "--unit", "urad"]), angles);
+}
+
+/// A file without a unit is read in the requested unit. Equal deviations in different units give the same evaluation.
+#[test]
+fn a_file_without_a_unit_is_read_in_the_one_that_is_asked_for() {
+    let folder = Folder::new();
+    let write = |factor: f64| {
+        let rows = [[0.0, 1.5], [10.0, -2.25], [20.0, 4.0]].map(|[target, micro]| {
+            let deviation = micro * factor;
+            format!("{target},{deviation:?}\n")
+        });
+        let path = folder.path().join("plain.csv");
+        fs::write(&path, format!("target,deviation\n{}", rows.concat())).expect("written");
+        path.display().to_string()
+    };
+    let degree = std::f64::consts::PI / 180.0;
+    for (unit, per_micro, answered) in [
+        ("mm", 1e-3, "um"),
+        ("um", 1.0, "um"),
+        ("nm", 1e3, "um"),
+        ("rad", 1e-6, "urad"),
+        ("mrad", 1e-3, "urad"),
+        ("urad", 1.0, "urad"),
+        ("deg", 1e-6 / degree, "urad"),
+        ("arcsec", 1e-6 / degree * 3600.0, "urad"),
+    ] {
+        let file = write(per_micro);
+        let answer = json(&["iso230", "--unit", unit, &file]);
+        assert_eq!(answer["unit"], answered);
+        let range = answer[format!("E_forward_{answered}")].as_f64();
+        assert!((range.expect("a number") - 6.25).abs() < 1e-9, "{unit}: {range:?}");
+        let fit = json(&format!("fit --unit {unit} {file} --method poly --order 1"));
+        assert!(!fit[format!("residual_{answered}")].is_null(), "{unit}: {fit}");
+    }
+    assert!(text(&["iso230", "--unit", "arcsec", &write(1.0)]).contains("all values in µrad"));
+    // `--unit` may repeat the unit of the header. The unit is then applied once.
+    let path = folder.path().join("stated.csv");
+    fs::write(&path, "target,deviation mm\n0,0.001\n10,0.003\n20,0.006\n").expect("written");
+    let stated = path.display().to_string();
+    assert_eq!(json(&["iso230", "--unit", "mm", &stated]), json(&["iso230", &stated]));
+    let message = refused(&["fit", "--unit", "um", &stated, "--method", "poly"]);
+    let said = "stated.csv: found deviations in mm, expected µm (--unit um)";
+    contains(&message, said);
+}
+
+/// A table of a spreadsheet with decimal commas and an unused column is read.
+#[test]
+fn tables_with_semicolons_and_decimal_commas_are_read() {
+    let folder = Folder::new();
+    let write = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        fs::write(&path, text).expect("written");
+        path.display().to_string()
+    };
+    let plain = write("plain.csv", "target,deviation\n0,1.5\n10.5,2.25\n21,4\n");
+    let comma = write(
+        "comma.csv",
+        "\u{feff}Target;Deviation;Operator\r\n0;1,5;AB\r\n10,5;2,25;AB\r\n21;4;AB\r\n",
+    );
+    let mut expected = json(&["iso230", "--unit", "urad", &plain]);
+    assert_eq!(expected["E_forward_urad"], 2.5);
+    let told = list(&expected["notes"]).clone();
+    let all = expected["notes"].to_string();
+    for said in [
+        "3 targets over 21 mm: ISO 230-2:2014 asks for 5 at least",
+        "1 run in a direction: ISO 230-2:2014 asks for 5",
+        "A and R need at least two runs in a direction",
+        "only one direction was run",
+    ] {
+        contains(&all, said);
+    }
+    let columns = json!("columns that are not read: Operator");
+    expected["notes"] = [vec![columns], told].concat().into();
+    assert_eq!(json(&["iso230", "--unit", "urad", &comma]), expected);
+    assert!(text(&["iso230", &comma, "--unit", "urad"]).contains("all values in µrad"));
+    let notes = |path: &str| json(&["iso230", path])["notes"].to_string();
+    assert!(
+        notes(&plain).contains("not stated, taken as µm")
+            && !notes(&plain).contains("are they mm?")
+    );
+    let in_mm = write("mm.csv", "target,deviation\n0,0\n300,0.0061\n600,0.0119\n");
+    assert!(notes(&in_mm).contains("are they mm?"));
+    let stated = write("stated.csv", "target mm,deviation mm\n0,0\n300,0.0061\n600,0.0119\n");
+    assert!(!notes(&stated).contains("deviations is not stated"));
+    let mixed = write("mixed.csv", "target;deviation\n0;1,5\n1.234;2,25\n");
+    refuses(
+        &["inspect", &mixed],
+        "mixed.csv:3: target: found `1.234`, expected a number with a decimal comma as in line 2",
+    );
 }

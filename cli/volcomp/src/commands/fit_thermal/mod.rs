@@ -1,6 +1,4 @@
-mod checks;
 mod columns;
-mod temperatures;
 
 use std::{collections::BTreeMap, fmt::Write as _, path::PathBuf};
 
@@ -108,12 +106,12 @@ pub(crate) fn run(arguments: &FitThermalArguments) -> Result<Answer, Failure> {
         };
         notes.extend(columns.notes.iter().map(note));
     }
-    notes.extend(checks::too_small(&files));
+    notes.extend(columns::too_small(&files));
     for (path, file) in arguments.data.iter().zip(&files) {
-        notes.extend(checks::still_in(path, file, &files));
-        notes.extend(checks::gaps(path, file, &arguments.search(false).lags_s));
+        notes.extend(columns::still_in(path, file, &files));
+        notes.extend(columns::gaps(path, file, &arguments.search(false).lags_s));
     }
-    let still = checks::still_sensors(&files);
+    let still = columns::still_sensors(&files);
     if !still.is_empty() {
         notes.push(format!(
             "{}: the same value in all rows, so that no terms are found for it",
@@ -152,8 +150,8 @@ pub(crate) fn run(arguments: &FitThermalArguments) -> Result<Answer, Failure> {
         let search = arguments.search(expansions);
         let channel = channel(name, error, &files, arguments, &search)?;
         let runs: Vec<ThermalRun> = files.iter().map(|file| run_of(file, name)).collect();
-        notes.extend(checks::inverted(&channel, &runs, &arguments.data, &search));
-        notes.extend(checks::too_coarse(&channel, &runs, &arguments.data));
+        notes.extend(columns::inverted(&channel, &runs, &arguments.data, &search));
+        notes.extend(columns::too_coarse(&channel, &runs, &arguments.data));
         channels.push(channel);
     }
     let sensors = &first.sensors;
@@ -256,7 +254,7 @@ fn channel(
         // Index of the first file that cannot be fitted alone.
         let alone = |place: &usize| search_thermal(&runs[*place..=*place], search).is_err();
         let wrong = (0..runs.len()).find(alone).unwrap_or_default();
-        let still = checks::still_sensors(files);
+        let still = columns::still_sensors(files);
         if still.len() == sensors.len() {
             let what = format_args!(
                 "{name}: no temperature changes ({}): expected one that does, since a term relates an error to a change",

@@ -8,11 +8,11 @@ use volcomp_metrology::{
     DIAGONAL_NAMES, DeviationUnit, Diagonal, Iso230Part6, Measurement, StandardQuantity,
     evaluate_diagonals, judged, read_file,
 };
-
-use super::Iso230Arguments;
 use volcomp_report::measured_diagonals_picture;
 
+use super::Iso230Arguments;
 use crate::{
+    arguments::{self, numbers},
     commands::{
         Answer,
         evaluation::{
@@ -22,9 +22,7 @@ use crate::{
         fixed, table, table_text,
     },
     failure::Failure,
-    points::numbers,
     table::{folded, or_dash},
-    unit,
 };
 
 /// Options of diagonals.
@@ -172,7 +170,7 @@ fn read(
             ),
         ));
     };
-    if unit::apply(path, &mut measurement, arguments.unit)? == DeviationUnit::Urad {
+    if arguments::apply(path, &mut measurement, arguments.unit)? == DeviationUnit::Urad {
         return Err(Failure::in_file(path, "found angles, expected deviations along a diagonal"));
     }
     Ok((diagonal, measurement))

@@ -10,9 +10,9 @@ use volcomp_vocabulary::{AxisName, ErrorName};
 
 use super::{Answer, evaluation::with_csv};
 use crate::{
+    arguments::Unit,
     failure::Failure,
-    plot::{PlotArguments, PlotFile},
-    unit::Unit,
+    output::{PlotArguments, PlotFile},
 };
 
 /// Evaluate tests to ISO 230: positioning, circles, diagonals

@@ -17,6 +17,7 @@ use volcomp_vocabulary::{AxisKind, AxisName, ErrorName};
 
 use super::{Iso230Arguments, Standard};
 use crate::{
+    arguments,
     commands::{
         Answer,
         evaluation::{Evaluated, Judgement, decision_text, evaluated, quantities_text, tolerances},
@@ -24,7 +25,6 @@ use crate::{
     },
     failure::Failure,
     table::{coordinate, folded, or_dash},
-    unit,
 };
 
 const IS_ANGLE: &str = "the readings are angles of a linear axis: the statistics of the standard are of an angular error motion here, not of \
@@ -120,7 +120,7 @@ fn one(
         return Err(Failure::in_file(path, what));
     }
     let is_unit_stated = measurement.unit.is_some();
-    let unit = unit::apply(path, &mut measurement, arguments.unit)?;
+    let unit = arguments::apply(path, &mut measurement, arguments.unit)?;
     if arguments.error.is_none() {
         refuse_title(path, &measurement, unit)?;
     }

@@ -19,15 +19,13 @@ use volcomp_vocabulary::AxisName;
 use self::field::{Field, Node, TextFormat};
 use super::{
     Answer, ByAxis, fixed, machine_notes,
-    not_counted::{NotCounted, all_over, words},
-    uncertainty::UncertaintyArguments,
+    uncertainty::{NotCounted, UncertaintyArguments, all_over, words},
 };
 use crate::{
+    arguments::{MachineArguments, OthersArguments},
     compensation::{Compensated, Compensation, CompensationArguments, ErrorAt, errors, errors_by},
     failure::Failure,
-    plot::PlotArguments,
-    points::{MachineArguments, OthersArguments},
-    progress,
+    output::{self, PlotArguments},
     table::folded,
 };
 
@@ -486,7 +484,7 @@ struct Work<'a> {
 impl Work<'_> {
     /// One pass over all nodes: computed in chunks on all cores, and written in order.
     fn go_through(&self, pass: usize, field: &mut Field, found: &mut Found) -> Result<(), Failure> {
-        let bar = progress::bar(self.grid.len(), "nodes");
+        let bar = output::bar(self.grid.len(), "nodes");
         let format = field.text_format().map(|(format, _)| format);
         let count = self.grid.len();
         // A node with an uncertainty takes as long as hundreds without, so its chunks are smaller.
@@ -746,7 +744,7 @@ fn all_axes(
 }
 
 fn uncertainty(machine: &Machine, ensemble: &Ensemble, poses: &[State]) -> AllAxesUncertainty {
-    let bar = progress::bar(poses.len(), "poses");
+    let bar = output::bar(poses.len(), "poses");
     let of = |poses: &[State]| {
         let found = ensemble.standard_uncertainties(poses);
         bar.inc(poses.len() as u64);

@@ -1,19 +1,22 @@
+//! Arguments that several commands have: machine, positions, limits, the unit of a measurement file.
+
 use std::{
     fs::{self, File},
     io::{BufReader, Read, Seek, Write},
     path::{Path, PathBuf},
 };
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use schemars::JsonSchema;
 use serde::Serialize;
 use volcomp_document::{
     Column, CsvBatches, CsvRow, CsvTable, InputError, ReadError, read_text, split_head, unit_named,
 };
 use volcomp_kinematics::State;
+use volcomp_metrology::{DeviationUnit, Measurement, ReadingUnit};
 use volcomp_model::{Machine, ModelError, Temperatures, axis_of_head};
 use volcomp_tables::axis_table::AxisNumbers;
-use volcomp_vocabulary::{AxisName, Direction, bounds::PLAUSIBLE_DEGC};
+use volcomp_vocabulary::{AxisName, CorrectionLimit, Direction, bounds::PLAUSIBLE_DEGC};
 
 use crate::failure::Failure;
 
@@ -127,7 +130,7 @@ pub(crate) enum OneOrMany<T> {
 }
 
 /// Maximum number of positions in a [`Batch`].
-pub(crate) const BATCH: usize = 4096;
+const BATCH: usize = 4096;
 
 /// The requested positions: a single one, or the positions of a file in the order of its rows.
 pub(crate) struct Positions {
@@ -632,6 +635,95 @@ fn head(text: &str) -> Head<'_> {
     } else {
         Head::Unclear(name)
     }
+}
+
+pub(crate) const RAISE_LIMIT: &str = ", or allow more with --limit-um";
+
+/// The option of the commands that write corrections.
+#[derive(clap::Args)]
+pub(crate) struct LimitArgument {
+    /// Largest correction of an axis: µm for linear, µrad for rotary axes, at most 2000; above it nothing is written
+    #[arg(long, value_name = "UM", default_value_t = 250.0, allow_negative_numbers = true)]
+    limit_um: f64,
+}
+
+impl LimitArgument {
+    pub(crate) fn limit(&self) -> Result<CorrectionLimit, Failure> {
+        CorrectionLimit::new(self.limit_um)
+            .map_err(|error| Failure::Input(format!("--limit-um: {error}")))
+    }
+}
+
+/// A unit of deviations; the names are the values of `--unit`.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Unit {
+    Mm,
+    Um,
+    Nm,
+    Deg,
+    Arcsec,
+    Rad,
+    Mrad,
+    Urad,
+}
+
+impl Unit {
+    fn of_readings(self) -> ReadingUnit {
+        match self {
+            Self::Mm => ReadingUnit::Mm,
+            Self::Um => ReadingUnit::Um,
+            Self::Nm => ReadingUnit::Nm,
+            Self::Deg => ReadingUnit::Deg,
+            Self::Arcsec => ReadingUnit::Arcsec,
+            Self::Rad => ReadingUnit::Rad,
+            Self::Mrad => ReadingUnit::Mrad,
+            Self::Urad => ReadingUnit::Urad,
+        }
+    }
+
+    fn key(self) -> String {
+        self.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
+    }
+}
+
+/// The note that a file does not state its unit, with a hint if the values look like mm.
+fn not_stated(measurement: &Measurement) -> String {
+    /// Maximum deviation that is implausibly small for a machine tool, µm.
+    const TOO_SMALL: f64 = 0.1;
+    let sizes = measurement.readings.iter().map(|r| r.deviation.abs());
+    let largest = sizes.fold(0.0, f64::max);
+    let hint = if largest > 0.0 && largest < TOO_SMALL {
+        format!("; all are below {TOO_SMALL}: are they mm?")
+    } else {
+        String::new()
+    };
+    format!(
+        "the unit of the deviations is not stated, taken as µm: state it with --unit, or in the header as `deviation µm`{hint}"
+    )
+}
+
+/// Converts the deviations of a file to µm or µrad. `stated` is the unit of a file without a unit; it may repeat the
+/// unit of the file, but not change it. If neither states a unit, µm is assumed.
+pub(crate) fn apply(
+    file: &Path,
+    measurement: &mut Measurement,
+    stated: Option<Unit>,
+) -> Result<DeviationUnit, Failure> {
+    let Some(stated) = stated else {
+        if measurement.unit.is_none() {
+            let note = not_stated(measurement);
+            measurement.notes.push(note);
+        }
+        return Ok(measurement.unit.unwrap_or(DeviationUnit::Um));
+    };
+    let unit = stated.of_readings();
+    measurement.convert_from(unit).map_err(|found| {
+        Failure::in_file(
+            file,
+            format_args!("found deviations in {found}, expected {unit} (--unit {})", stated.key()),
+        )
+    })?;
+    Ok(unit.deviation_unit())
 }
 
 #[cfg(test)]
