@@ -1,9 +1,6 @@
-//! A volcomp gateway: its web page identifies it. Its state, if readable without a token, names the machine that it
-//! corrects.
-//!
-//! A FANUC control: its type, its software and its axis letters.
-//!
-//! A Modbus module: its identification (function 43, MEI type 14, read device identification).
+//! Probes of a network address by read requests: a volcomp gateway by its web page, whose state, if readable without a
+//! token, names the machine that it corrects; a FANUC control by its type, software and axis letters; a Modbus module by
+//! its identification (function 43, MEI type 14).
 
 use std::{io, net::SocketAddr, sync::Arc, time::Duration};
 
