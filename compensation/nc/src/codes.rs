@@ -47,6 +47,8 @@ pub(crate) struct Codes {
     pub(crate) clamps: Option<bool>,
     /// M6: puts the selected tool into the spindle.
     pub(crate) changes_tool: bool,
+    /// M61: states the number of the tool in the spindle, by Q.
+    pub(crate) states_tool: bool,
     unknown: Option<usize>,
     /// Set if a code takes, or may take, further words: E, K, Q and R are then no errors.
     pub(crate) has_words: bool,
@@ -90,6 +92,7 @@ impl Codes {
                     960 if has_own_m => codes.not_followed = Some(code),
                     _ if has_own_m => {}
                     700 | 710 | 720 | 730 => codes.not_followed = Some(code),
+                    610 => codes.states_tool = true,
                     4280 => codes.centre_point = Some(true),
                     4290 => codes.centre_point = Some(false),
                     4300 => codes.own_kinematics = true,

@@ -506,6 +506,10 @@ impl Interpreter {
             self.changes_tools = true;
             self.forget_positions();
         }
+        if codes.states_tool {
+            self.in_spindle = given.whole(b'Q')?;
+            self.changes_tools = true;
+        }
         let modal = &mut self.modal;
         match codes.plane {
             Some(170) => modal.plane = Plane::Xy,

@@ -13,6 +13,10 @@ pub enum Note {
     )]
     NamedTool,
     #[error(
+        "G43 without H, and no tool was changed before: the length of the tool in the spindle is assumed to be zero; write its number as H"
+    )]
+    UnnamedTool,
+    #[error(
         "arcs get a coordinate outside their plane (a superposed straight motion), which older controls may reject"
     )]
     Superposed,

@@ -16,6 +16,9 @@ use crate::{
     notes::Note,
 };
 
+/// Stands for the number of a tool that the program selects by name or not at all.
+const UNNAMED_TOOL: u32 = u32::MAX >> 2;
+
 impl Interpreter {
     pub(crate) fn tool_length(
         &mut self,
@@ -42,12 +45,19 @@ impl Interpreter {
             }
             return Ok(());
         }
-        let number = given.whole(b'H')?.or(self.tool_in_spindle()).unwrap_or(0);
-        let offset = self.tools.get(&number).copied();
-        if offset.is_none() && number != 0 {
-            self.notes.add(Note::NoToolLength(number), given.line);
+        let number = self.length_number(given)?;
+        let offset = self.tools.get(&number.unwrap_or(0)).copied();
+        // H0 is no length, but an unnamed tool in the spindle has one.
+        let unstated = match number {
+            _ if offset.is_some() => None,
+            Some(number) => Some(number).filter(|number| *number != 0),
+            None => Some(UNNAMED_TOOL),
+        };
+        if unstated.is_some() {
+            let note = number.map_or(Note::UnnamedTool, Note::NoToolLength);
+            self.notes.add(note, given.line);
         }
-        let unstated = (offset.is_none() && number != 0).then_some(number);
+        let number = number.unwrap_or(0);
         match (code, unstated) {
             // G43.2 adds to the active length, which may be unknown as well.
             (432, None) => {}
@@ -65,9 +75,26 @@ impl Interpreter {
         Ok(())
     }
 
-    /// Number of the tool in the spindle: by M6, or by T in a program without M6.
+    /// Number of the length that G43 activates; `None`: that of the tool in the spindle, which the program does not name.
+    fn length_number(&self, given: &BlockWords<'_>) -> Result<Option<u32>, NcError> {
+        match given.whole(b'H')? {
+            Some(0) if self.control.is_none() => Err(given.refused(
+                "G43 H0, the length of the tool in the spindle on LinuxCNC and no length on FANUC controls: write G49 or the number of the tool, or state the control in the set-up file",
+            )),
+            Some(number) if number > 0 || self.control != Some(Control::LinuxCnc) => {
+                Ok(Some(number))
+            }
+            _ => Ok(self.tool_in_spindle()),
+        }
+    }
+
+    /// Number of the tool in the spindle: by M6 or M61, or, except on LinuxCNC, by T in a program without M6.
     pub(crate) fn tool_in_spindle(&self) -> Option<u32> {
-        if self.changes_tools { self.in_spindle } else { self.modal.tool }
+        if self.changes_tools || self.control == Some(Control::LinuxCnc) {
+            self.in_spindle
+        } else {
+            self.modal.tool
+        }
     }
 
     pub(crate) fn rotation(&mut self, given: &BlockWords<'_>) -> Result<(), NcError> {
@@ -627,7 +654,7 @@ impl Interpreter {
     fn take_length(&mut self, given: &BlockWords<'_>) -> Result<(), NcError> {
         let tool = self.tool_in_spindle();
         let offset = tool.and_then(|tool| self.tools.get(&tool)).copied();
-        let unstated = tool.unwrap_or(u32::MAX >> 2);
+        let unstated = tool.unwrap_or(UNNAMED_TOOL);
         self.assumptions.use_tool_length(offset.is_none().then_some(unstated));
         if offset.is_none() {
             self.notes.add(tool.map_or(Note::NamedTool, Note::NoToolLength), given.line);

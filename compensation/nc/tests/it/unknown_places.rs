@@ -47,6 +47,7 @@ fn no_word_is_added_at_an_assumed_position() {
         "G0 X0 Y0 Z50\nG43 H7\n",
         "G43 H7 G0 X0 Y0 Z50\nG49\n",
         "G43 H7 G0 X0 Y0 Z50\nG43 H8\n",
+        "G43 G0 X0 Y0 Z50\nG49\n",
         "G0 X0 Y0 Z50\nG10 L2 P1 Z-310\n",
         "G0 X0 Y0 Z50\nG53 G0 Z0\nG92 Z0\nG92.1\n",
     ] {
@@ -65,12 +66,14 @@ fn no_word_is_added_at_an_assumed_position() {
 /// If the set-up states the values, or the offset does not change, the word is added: Z50 under G54 at −310 is Z60 under G55 at −320.
 #[test]
 fn stated_positions_stay_known() {
-    let stated = "[work_offset.G54]\nZ = -310\n[work_offset.G55]\nZ = -320\n[tool.7]\nZ = 80\n[home.G28]\nZ = 0\n";
+    let stated = "control = \"linuxcnc\"\n[work_offset.G54]\nZ = -310\n[work_offset.G55]\nZ = -320\n[tool.7]\nZ = 80\n[home.G28]\nZ = 0\n";
     for (begins, z) in [
         ("G54 G0 X0 Y0 Z50\nG55\n", "59.960"),
         ("G0 X0 Y0 Z50\nG53 G0 Z0\n", "309.960"),
         ("G0 X0 Y0 Z50\nG28 Z0\n", "309.960"),
         ("G0 X0 Y0 Z50\nG43 H7\n", "-30.040"),
+        ("T7 M6\nG43 H0 G0 X0 Y0 Z50\nG49\n", "129.960"),
+        ("M61 Q7\nG43 G0 X0 Y0 Z50\nG49\n", "129.960"),
     ] {
         let out = result(stated, &format!("{begins}G0 X400\n"));
         assert_eq!(out, format!("{begins}G0 X400 Z{z}\n"));
@@ -88,6 +91,25 @@ fn stated_positions_stay_known() {
     // Incremental words have the correction under any offset.
     let out = result("", "G54 G0 X0 Y0 Z50\nG55\nG91 G0 X400\n");
     assert!(out.ends_with("G91 G0 X400 Z-0.040\n"), "{out}");
+}
+
+/// FANUC controls may move Z by a length that G43 or G49 changes, Haas controls cancel the length at G28, and on LinuxCNC T alone puts no
+/// tool into the spindle.
+#[test]
+fn no_word_is_added_where_controls_treat_tool_lengths_differently() {
+    let stated = "[work_offset.G54]\nZ = -310\n[tool.7]\nZ = 80\n[home.G28]\nZ = 0\n";
+    for (control, begins) in [
+        ("linuxcnc", "T7\nG43 G0 X0 Y0 Z50.\nG49\n"),
+    ] {
+        let control = match control {
+            "" => String::new(),
+            name => format!("control = \"{name}\"\n"),
+        };
+        let program = format!("{begins}G0 X400.\n");
+        let (out, summary) = run(&format!("{control}{stated}"), &program).expect(begins);
+        assert_eq!(out, program, "{control}");
+        assert!(format!("{:?}", summary.notes).contains("LeftOut('Z')"), "{control}{begins}");
+    }
 }
 
 #[test]
@@ -212,6 +234,7 @@ G91 G10 L2 P1 X5\n | line 1: G10 L2 in G91
 G10 L2 P0 X5\n | line 1: G10 L2 without a P from 1 to 9
 G91 G53 G0 X5\n | line 1: G53 in G91
 G43 H1\nG0 X0\nH2\n | line 3: H without G43
+T1 M6\nG43 H0\n | line 2: G43 H0, the length of the tool in the spindle on LinuxCNC
 G15 H1\n | line 1: H with G15, G16 or G54 to G59
 G0 X0 Y0\nG16 H0\nX300 Y200\n | line 2: H with G15
 G56 Z50 H5\n | line 1: H with G15
