@@ -529,8 +529,12 @@ impl Interpreter {
         modal.comes_back = codes.comes_back.map_or(modal.comes_back, |code| code == 980);
         modal.says_return |= codes.comes_back.is_some();
         if let Some(code) = codes.tool_length {
+            let before = (self.modal.tool_offset, self.assumptions.tool);
             self.tool_length(code, given)?;
             self.update_tool()?;
+            if matches!(code, 430 | 490) {
+                self.forget_lengthened(before);
+            }
             match self.modal.centre_point {
                 _ if code == 434 => {
                     self.switch_centre_point(CentrePoint::WithToolLength, given)?;

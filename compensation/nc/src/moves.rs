@@ -261,6 +261,7 @@ impl Interpreter {
                 self.known[axis] = false;
             } else if codes.in_machine {
                 self.mark_machine_position(axis);
+                self.forget_under_length(axis);
             } else if !motion.incremental[axis] && !is_depth(axis) {
                 self.mark_named(axis);
             }

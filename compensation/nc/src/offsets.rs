@@ -122,6 +122,36 @@ impl Interpreter {
         Ok(())
     }
 
+    /// Whether the control may treat tool lengths otherwise than LinuxCNC and Grbl.
+    fn may_move_by_length(&self) -> bool {
+        !matches!(self.control, Some(Control::LinuxCnc | Control::Grbl))
+    }
+
+    /// Marks the axes whose tool length G43 or G49 has changed from `before`, unless the control is LinuxCNC: FANUC controls may move an axis by
+    /// the length even if the block does not name it (parameter 5006#6).
+    pub(crate) fn forget_lengthened(&mut self, before: (Axes, u32)) {
+        let (offset, tool) = before;
+        let is_other = self.assumptions.tool != tool;
+        if !self.may_move_by_length() {
+            return;
+        }
+        for axis in 0..9 {
+            if self.modal.tool_offset[axis] != offset[axis] || axis == 2 && is_other {
+                self.mark_assumed(axis);
+            }
+        }
+    }
+
+    /// Marks an axis at a machine position or home while it has a tool length, unless the control is LinuxCNC: Haas controls cancel the length
+    /// at G28.
+    pub(crate) fn forget_under_length(&mut self, axis: usize) {
+        let has_length =
+            self.modal.tool_offset[axis] != 0.0 || axis == 2 && self.assumptions.tool != 0;
+        if has_length && self.dialect == Dialect::Rs274 && self.may_move_by_length() {
+            self.mark_assumed(axis);
+        }
+    }
+
     fn is_shifted_in_plane(&self) -> bool {
         self.modal.shifted && self.modal.shift[..2].iter().any(|by| *by != 0.0)
     }
@@ -368,6 +398,13 @@ impl Interpreter {
             }),
             wraps: [0.0; 9],
         });
+        for axis in (0..9).filter(|axis| all || given.places[*axis].is_some()) {
+            self.forget_under_length(axis);
+            // On these controls a home without an axis may move none.
+            if all && matches!(self.control, Some(Control::Fanuc | Control::Mazak)) {
+                self.mark_assumed(axis);
+            }
+        }
         Ok(())
     }
 

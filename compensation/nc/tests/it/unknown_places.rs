@@ -99,6 +99,12 @@ fn stated_positions_stay_known() {
 fn no_word_is_added_where_controls_treat_tool_lengths_differently() {
     let stated = "[work_offset.G54]\nZ = -310\n[tool.7]\nZ = 80\n[home.G28]\nZ = 0\n";
     for (control, begins) in [
+        ("", "G0 X0 Y0 Z50.\nG43 H7\n"),
+        ("fanuc", "G0 X0 Y0 Z50.\nG43 H7\n"),
+        ("mazak", "G43 H7 G0 X0 Y0 Z50.\nG49\n"),
+        ("haas", "G43 H7 G0 X0 Y0 Z50.\nG28 Z60.\n"),
+        ("haas", "G43 H7 G0 X0 Y0 Z50.\nG53 G0 Z0\n"),
+        ("fanuc", "G0 X0 Y0 Z50.\nG28\n"),
         ("linuxcnc", "T7\nG43 G0 X0 Y0 Z50.\nG49\n"),
     ] {
         let control = match control {
