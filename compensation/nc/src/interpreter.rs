@@ -558,7 +558,7 @@ impl Interpreter {
         }
         match codes.rotation {
             Some(680) => self.rotation(given)?,
-            Some(690) => (self.modal.rotation, self.modal.frame_is_new) = (None, [false; 9]),
+            Some(690) if self.modal.rotation.take().is_some() => self.forget_turned(),
             _ => {}
         }
         if codes.tool_length.is_some()

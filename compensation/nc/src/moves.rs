@@ -290,7 +290,7 @@ impl Interpreter {
             return Err(given.refused(if self.dialect == Dialect::Siemens {
                 "an incremental motion (G91, IC) of an axis whose frame, work offset or tool length has changed since its last absolute position: program an absolute position first, because setting data 42440 and 42442 decide whether the axis moves by the change too"
             } else {
-                "an incremental motion (G91) after G68 before X or Y was programmed in G90, which FANUC controls rotate about the tool position"
+                "an incremental motion (G91) after G68 or G69 before X or Y was programmed in G90, which FANUC controls rotate about the tool position, or begin elsewhere"
             }));
         }
         let is_turned = self.modal.rotation.is_some() || self.modal.programmed.angle_deg != 0.0;

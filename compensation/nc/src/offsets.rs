@@ -100,6 +100,11 @@ impl Interpreter {
     pub(crate) fn rotation(&mut self, given: &BlockWords<'_>) -> Result<(), NcError> {
         let angle = given.letter(b'R')?;
         let angle = angle.ok_or_else(|| given.refused("G68 without an angle R"))?;
+        if !self.modal.absolute {
+            return Err(given.refused(
+                "G68 in G91, where some controls add R to the angle of the last G68: write G90 before",
+            ));
+        }
         if self.modal.plane != Plane::Xy {
             return Err(given.refused("a rotation outside the XY plane (G17)"));
         }
@@ -118,8 +123,16 @@ impl Interpreter {
             *centre = given.axis(axis)?.unwrap_or(0.0) * self.modal.scale(axis);
         }
         self.modal.rotation = Some((angle, centre));
-        self.modal.frame_is_new[..2].fill(true);
+        self.forget_turned();
         Ok(())
+    }
+
+    /// Marks X and Y after G68 and G69: a control may keep the coordinate of an axis that the next block does not name, or its position.
+    pub(crate) fn forget_turned(&mut self) {
+        self.modal.frame_is_new[..2].fill(true);
+        for axis in 0..2 {
+            self.mark_assumed(axis);
+        }
     }
 
     /// Whether the control may treat tool lengths otherwise than LinuxCNC and Grbl.
@@ -221,6 +234,11 @@ impl Interpreter {
     /// Starts a shift of some axes by G52 (`local`) or G92; shifts that G92.2 has suspended do not return. Errors: G52 and G92 shifts together, on a
     /// control that adds them.
     fn shifts_by(&mut self, local: bool, given: &BlockWords<'_>) -> Result<(), NcError> {
+        if self.modal.rotation.is_some() && (given.word(0).is_some() || given.word(1).is_some()) {
+            return Err(given.refused(
+                "a shift of X or Y (G52, G92) while a rotation (G68) is active, which controls forbid or add before or after the rotation: end the rotation first, by G69",
+            ));
+        }
         let is_shifted = self.modal.shifted && self.modal.shift != [0.0; 9];
         if is_shifted && self.modal.shift_is_local != local && self.has_two_shifts() {
             return Err(given.refused(if local {

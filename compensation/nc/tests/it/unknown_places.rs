@@ -218,12 +218,25 @@ fn a_rotation_turns_about_its_centre() {
 G0 X0 Y0\nG68 X10 R90\n | line 2: G68 without X and Y
 G0 X0 Y0\nG52 X5\nG68 X10 Y5 R90\n | line 3: G68 while a shift
 G0 X0 Y0\nG68 X10 Y5 R90\nG91 G0 X5\n | line 3: an incremental motion (G91) after G68
+G68 X10 Y5 R90\nG0 X0 Y0\nG69\nG91 G0 X5\n | line 4: an incremental motion (G91) after G68
+G91 G68 X10 Y5 R90\n | line 1: G68 in G91
+G68 X10 Y5 G91 R90\n | line 1: G68 in G91
+G68 X10 Y5 R90\nG52 Y5\n | line 2: a shift of X or Y
+G68 X10 Y5 R90\nG92 X0\n | line 2: a shift of X or Y
 ",
     ) {
         let message = refusal(program);
         assert!(message.starts_with(why), "{message}");
     }
     result("", "G0 X0 Y0\nG68 X10 Y5 R90\nG0 X5\nG91 X5\n");
+    // The control may leave Y at its position, or at its number.
+    for switches in ["G68 X10 Y5 R90\n", "G68 X10 Y5 R90\nG0 X20 Y0\nG69\n"] {
+        let program = format!("G0 X20 Y0 Z0\n{switches}G0 X400\n");
+        let found = compensated_in(&SetUp::default(), errors, program.as_bytes());
+        let out = String::from_utf8(found.expect("compensated").0).expect("text");
+        let last = out.lines().last().expect("a line");
+        assert!(!last.contains('Y'), "{out}");
+    }
 }
 
 #[test]
