@@ -293,6 +293,8 @@ impl Interpreter {
             shifted: _,
             shift_is_local: _,
             shift_is_said: _,
+            length_is_said: _,
+            system_is_said: _,
             tool_offset: _,
             length_unit_mm: _,
             length: _,

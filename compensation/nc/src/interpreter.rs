@@ -151,6 +151,8 @@ pub(crate) struct Assumptions {
     /// Identifier of a tool that the set-up does not state, or 0.
     pub(crate) tool: u32,
     shift: Axes<u32>,
+    /// Axes whose position the program has named in its coordinates, not in those of the machine.
+    in_program: Axes<bool>,
     /// Axes whose position the program has named under a stated zero ([`Interpreter::has_stated_zero`]).
     named: Axes<bool>,
     /// Axes whose G92 shift was set at a position that was not named under a stated zero: that position, not the work offset, defines their zero.
@@ -175,6 +177,7 @@ impl Assumptions {
             offsets,
             tool: 0,
             shift: [0; 9],
+            in_program: [false; 9],
             named: [false; 9],
             from_elsewhere: [false; 9],
             set: [false; SYSTEMS],
@@ -535,6 +538,7 @@ impl Interpreter {
             if matches!(code, 430 | 490) {
                 self.forget_lengthened(before);
             }
+            self.states_length();
             match self.modal.centre_point {
                 _ if code == 434 => {
                     self.switch_centre_point(CentrePoint::WithToolLength, given)?;
@@ -554,7 +558,8 @@ impl Interpreter {
             None => {}
         }
         if let Some(code) = codes.work_offset {
-            self.modal.system = self.system_of(code, codes, given)?;
+            let system = self.system_of(code, codes, given)?;
+            self.use_system(system);
         }
         match codes.rotation {
             Some(680) => self.rotation(given)?,
@@ -655,12 +660,14 @@ impl Interpreter {
         let basis = self.basis(axis);
         self.assumptions.places[axis] = basis;
         self.assumptions.named[axis] = self.has_stated_zero();
+        self.assumptions.in_program[axis] = true;
         self.known[axis] = basis.iter().all(|number| number & LOST == 0);
     }
 
     pub(crate) fn mark_machine_position(&mut self, axis: usize) {
         self.assumptions.places[axis] = OF_MACHINE;
         self.assumptions.named[axis] = false;
+        self.assumptions.in_program[axis] = false;
         self.known[axis] = true;
     }
 
@@ -674,6 +681,30 @@ impl Interpreter {
     pub(crate) fn forget_positions(&mut self) {
         for axis in 0..3 {
             self.mark_assumed(axis);
+        }
+    }
+
+    /// Forgets positions that the program has named before it states a work offset, shift or tool length for the first time: an earlier program
+    /// may have left another one in the control than the one assumed until then.
+    pub(crate) fn forget_named(&mut self, axes: std::ops::Range<usize>) {
+        for axis in axes {
+            if self.assumptions.in_program[axis] {
+                self.mark_assumed(axis);
+            }
+        }
+    }
+
+    pub(crate) fn use_system(&mut self, system: usize) {
+        if !std::mem::replace(&mut self.modal.system_is_said, true) {
+            self.forget_named(0..9);
+        }
+        self.modal.system = system;
+    }
+
+    pub(crate) fn states_length(&mut self) {
+        if !std::mem::replace(&mut self.modal.length_is_said, true) {
+            let first = if self.modal.plane == Plane::Xy { 2 } else { 0 };
+            self.forget_named(first..3);
         }
     }
 
@@ -704,6 +735,7 @@ impl Interpreter {
         let (known, basis) = self.assumptions.homes[which][axis];
         (self.known[axis], self.assumptions.places[axis]) = (known, basis);
         self.assumptions.named[axis] = false;
+        self.assumptions.in_program[axis] = false;
         known && basis != ASSUMED
     }
 

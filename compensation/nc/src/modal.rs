@@ -145,6 +145,10 @@ pub(crate) struct Modal {
     /// The shift was set by G52, not by G92.
     pub(crate) shift_is_local: bool,
     pub(crate) shift_is_said: bool,
+    /// The program has stated a tool length, or that there is none. Before, an earlier program may have left one in the control.
+    pub(crate) length_is_said: bool,
+    /// The program has stated the work offset.
+    pub(crate) system_is_said: bool,
     pub(crate) tool_offset: Axes,
     /// Length unit when the tool offset was activated, mm.
     pub(crate) length_unit_mm: f64,
@@ -201,6 +205,8 @@ impl Default for Modal {
             shifted: false,
             shift_is_local: false,
             shift_is_said: false,
+            length_is_said: false,
+            system_is_said: false,
             tool_offset: [0.0; 9],
             length_unit_mm: 1.0,
             length: None,

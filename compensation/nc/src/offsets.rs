@@ -211,11 +211,19 @@ impl Interpreter {
             }
             Some(921) => {
                 self.check_end_of_shift(given)?;
+                if !self.modal.shift_is_said {
+                    self.forget_named(0..9);
+                }
                 (self.modal.shift, self.modal.shifted) = ([0.0; 9], false);
                 self.modal.shift_is_said = true;
                 self.assumptions.shift_is_zero();
             }
-            Some(922) => self.modal.shifted = false,
+            Some(922) => {
+                if !self.modal.shift_is_said {
+                    self.forget_named(0..9);
+                }
+                self.modal.shifted = false;
+            }
             Some(923) => {
                 if !self.modal.shift_is_said {
                     return Err(given.refused("G92.3 before any G92, G52 or G92.1, which brings back what an earlier program has left in the control: write G92 or G92.1 before"));
@@ -248,6 +256,11 @@ impl Interpreter {
             }));
         }
         self.modal.shift_is_local = local;
+        if local && !self.modal.shift_is_said {
+            for axis in (0..9).filter(|axis| given.word(*axis).is_some()) {
+                self.forget_named(axis..axis + 1);
+            }
+        }
         if !self.modal.shifted {
             self.modal.shift = [0.0; 9];
             self.assumptions.shift_is_zero();
@@ -536,7 +549,7 @@ impl Interpreter {
                     self.switch_centre_point(CentrePoint::Switched, given)?;
                 }
                 Command::CentrePoint(false) => self.modal.centre_point = CentrePoint::Off,
-                Command::WorkOffset(system) => self.modal.system = *system,
+                Command::WorkOffset(system) => self.use_system(*system),
                 Command::AwaitsPreset => self.modal.awaits_preset = true,
                 Command::Preset(number) => {
                     if self.modal.programmed.by != [0.0; 9] {
@@ -548,7 +561,7 @@ impl Interpreter {
                             "a preset other than 1 to 300, which the set-up file cannot state",
                         )
                     })?;
-                    self.modal.system = numbered(number);
+                    self.use_system(numbered(number));
                     (self.modal.pole, self.modal.awaits_preset) = (None, false);
                 }
                 Command::InMachine => outcome.in_machine = true,
@@ -630,6 +643,7 @@ impl Interpreter {
     fn tool_command(&mut self, command: &Command, given: &BlockWords<'_>) -> Result<(), NcError> {
         if matches!(command, Command::ChangeTool | Command::NamedTool | Command::CallsTool { .. }) {
             self.forget_positions();
+            self.modal.length_is_said = true;
         }
         match command {
             Command::ChangeTool => {
@@ -639,6 +653,7 @@ impl Interpreter {
             }
             Command::NamedTool => self.modal.tool = None,
             Command::Edge(edge) => {
+                self.states_length();
                 let edge = edge.and_then(|edge| whole(edge, 99));
                 match edge {
                     Some(0) => {

@@ -48,6 +48,13 @@ fn no_word_is_added_at_an_assumed_position() {
         "G43 H7 G0 X0 Y0 Z50\nG49\n",
         "G43 H7 G0 X0 Y0 Z50\nG43 H8\n",
         "G43 G0 X0 Y0 Z50\nG49\n",
+        // What an earlier program has left in the control.
+        "G0 X0 Y0 Z50\nG49\n",
+        "G0 X0 Y0 Z50\nG43.1 Z0\n",
+        "G0 X0 Y0 Z50\nG54\n",
+        "G0 X0 Y0 Z50\nG92.1\n",
+        "G0 X0 Y0 Z50\nG92.2\n",
+        "G0 X0 Y0 Z50\nG52 Z0\n",
         "G0 X0 Y0 Z50\nG10 L2 P1 Z-310\n",
         "G0 X0 Y0 Z50\nG53 G0 Z0\nG92 Z0\nG92.1\n",
     ] {
@@ -71,7 +78,7 @@ fn stated_positions_stay_known() {
         ("G54 G0 X0 Y0 Z50\nG55\n", "59.960"),
         ("G0 X0 Y0 Z50\nG53 G0 Z0\n", "309.960"),
         ("G0 X0 Y0 Z50\nG28 Z0\n", "309.960"),
-        ("G0 X0 Y0 Z50\nG43 H7\n", "-30.040"),
+        ("G49 G0 X0 Y0 Z50\nG43 H7\n", "-30.040"),
         ("T7 M6\nG43 H0 G0 X0 Y0 Z50\nG49\n", "129.960"),
         ("M61 Q7\nG43 G0 X0 Y0 Z50\nG49\n", "129.960"),
     ] {
@@ -135,13 +142,22 @@ fn motions_from_an_assumed_position_are_not_split() {
 }
 
 #[test]
-fn heidenhain_machine_coordinates_and_tools() {
+fn other_languages_have_unknown_positions_too() {
     let machine = Machine::parse(&format!("{TRAVELS}{SLOPE}"), "m.toml").expect("good");
     for program in [
         "L X+0 Y+0 Z+50 FMAX\nTOOL CALL 5 Z S100\nL X+400 FMAX\n",
         "L X+0 Y+0 Z+50 FMAX\nL Z+0 FMAX M91\nL X+400 FMAX\n",
     ] {
         let (out, _) = written(Dialect::Heidenhain, &machine, "", program).expect("compensated");
+        assert_eq!(out, program);
+    }
+    // A length or work offset that an earlier program has left in the control.
+    for program in [
+        "G0 X0 Y0 Z50\nD0\nG0 X400\n",
+        "G0 X0 Y0 Z50\nG500\nG0 X400\n",
+        "G0 X0 Y0 Z50\nG54\nG0 X400\n",
+    ] {
+        let (out, _) = written(Dialect::Siemens, &machine, "", program).expect("compensated");
         assert_eq!(out, program);
     }
 }
