@@ -47,6 +47,8 @@ pub(crate) struct Codes {
     pub(crate) clamps: Option<bool>,
     /// M6: puts the selected tool into the spindle.
     pub(crate) changes_tool: bool,
+    /// M60: exchanges the pallet.
+    pub(crate) exchanges_pallet: bool,
     /// M61: states the number of the tool in the spindle, by Q.
     pub(crate) states_tool: bool,
     unknown: Option<usize>,
@@ -85,6 +87,7 @@ impl Codes {
                 match code {
                     20 | 300 => codes.ends = true,
                     60 => codes.changes_tool = true,
+                    600 => codes.exchanges_pallet = true,
                     100 | 110 => codes.clamps = Some(code == 100),
                     980 | 990 => codes.calls = Some(code),
                     970 | 1980 => codes.not_followed = Some(code),

@@ -405,6 +405,9 @@ impl Interpreter {
         if self.is_printer() {
             self.extrude(&codes, &given, outcome)?;
         }
+        if codes.exchanges_pallet && self.dialect == Dialect::Rs274 {
+            self.forget_positions();
+        }
         for assignment in &block.assignments {
             let value = assignment.value;
             match &assignment.parameter {
@@ -677,7 +680,7 @@ impl Interpreter {
         self.assumptions.named[axis] = false;
     }
 
-    /// Marks the program coordinates of X, Y and Z as unknown after a tool change: many machines stay at the tool change position.
+    /// Marks the program coordinates of X, Y and Z as unknown after a change of the tool or pallet: many machines stay where they change it.
     pub(crate) fn forget_positions(&mut self) {
         for axis in 0..3 {
             self.mark_assumed(axis);

@@ -363,11 +363,15 @@ fn a_hole_from_an_unknown_height_leaves_an_unknown_height() {
 
 /// After a tool change the positions are unknown, because many machines move the axes for it.
 #[test]
-fn positions_are_unknown_after_a_tool_change() {
+fn positions_are_unknown_after_a_change_of_tool_or_pallet() {
     let setup = "[work_offset.G54]\nX = 0\n[tool.1]\nZ = 0.0\n[tool.2]\nZ = 0.0\n[start]\nX = 0\nY = 0\nZ = 0\n";
     assert_eq!(
         result(setup, "G0 X100 Y0 Z5\nT2 M6\nG0 X200\nG0 Z5\nX300\n"),
         "G0 X100 Y0 Z4.990\nT2 M6\nG0 X200\nG0 Z4.980\nX300 Z4.970\n"
+    );
+    assert_eq!(
+        result(setup, "G0 X100 Y0 Z5 M60\nG0 X200\nG0 Z5\n"),
+        "G0 X100 Y0 Z4.990 M60\nG0 X200\nG0 Z4.980\n"
     );
 }
 
