@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, MAX_AXES, PerChannel};
 
-use crate::{Fault, Words};
+use crate::Fault;
 
 /// Properties of an axis as the controller reports and corrects it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -259,5 +259,78 @@ impl<C: Controller + ?Sized> Controller for Box<C> {
 
     fn apply(&mut self, corrections: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault> {
         (**self).apply(corrections, deadline)
+    }
+}
+
+/// A program of a simulated control that determines the corrections of its axes, such as a barrier in the ladder of a
+/// real control. Values are whole counts of each axis, in channel order.
+pub trait ControlProgram: Send {
+    /// Runs one scan and returns the report to publish. `mailboxes` has the words of each mailbox, copied before this
+    /// call. `holds` is true during emergency stop or alarm, or while an axis is not referenced.
+    fn scan(&mut self, mailboxes: &[&[u16]], holds: bool) -> Words;
+
+    /// Sets the digital lines for the next scans: `value` (counts) for the axis with this index, and the level of the
+    /// latch line, which toggles after the other lines have settled. By default the lines have no effect.
+    fn lines(&mut self, latch: bool, axis: usize, value: i16) {
+        let _ = (latch, axis, value);
+    }
+
+    /// Correction applied to each axis, counts.
+    fn applied(&self) -> PerChannel<i16>;
+
+    /// Restarts the program at power-up or reset of the control. `applied` is the correction that the axis words
+    /// contain, counts.
+    fn restart(&mut self, applied: &PerChannel<i16>);
+}
+
+/// Maximum number of words of a block.
+pub const MOST_WORDS: usize = 40;
+
+/// A block of 16-bit words with fixed capacity, so that copying does not allocate. A comparison ignores the unused
+/// capacity.
+#[derive(Clone, Copy)]
+pub struct Words {
+    words: [u16; MOST_WORDS],
+    length: usize,
+}
+
+impl Words {
+    pub const EMPTY: Self = Self { words: [0; MOST_WORDS], length: 0 };
+
+    /// Creates a block of these words; `None` if there are more than [`MOST_WORDS`].
+    #[must_use]
+    pub fn new(words: &[u16]) -> Option<Self> {
+        let mut block = Self { words: [0; MOST_WORDS], length: words.len() };
+        block.words.get_mut(..words.len())?.copy_from_slice(words);
+        Some(block)
+    }
+
+    #[must_use]
+    pub fn as_slice(&self) -> &[u16] {
+        &self.words[..self.length]
+    }
+
+    pub fn as_mut_slice(&mut self) -> &mut [u16] {
+        &mut self.words[..self.length]
+    }
+}
+
+impl Default for Words {
+    fn default() -> Self {
+        Self::EMPTY
+    }
+}
+
+impl PartialEq for Words {
+    fn eq(&self, other: &Self) -> bool {
+        self.as_slice() == other.as_slice()
+    }
+}
+
+impl Eq for Words {}
+
+impl core::fmt::Debug for Words {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_list().entries(self.as_slice()).finish()
     }
 }

@@ -4,7 +4,6 @@
 
 mod description;
 mod faults;
-mod injections;
 mod simulated;
 mod supply;
 

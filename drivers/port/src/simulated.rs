@@ -1,16 +1,21 @@
-//! A simulated machine: axes move, the control scans, and controllers connect to it.
+//! A simulated machine that runs a part program, has a true error and warms up. Its control may run a program that
+//! determines the corrections of the axes. The true error is a given function, and independent of the error model under
+//! test.
 
 use std::{
-    sync::{Arc, Mutex, MutexGuard, PoisonError, atomic::Ordering},
+    array,
+    sync::{
+        Arc, Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicBool, AtomicU64, Ordering},
+    },
     time::{Duration, Instant},
 };
 
-use volcomp_vocabulary::PerChannel;
+use volcomp_vocabulary::{MAX_AXES, PerChannel};
 
-use super::{Controls, Given, Move, Path, SimulatedThermometer, Warming};
 use crate::{
     Axis, Clock, ControlProgram, Controller, ControllerState, Description, Fault, Heartbeat,
-    ShownStates, Snapshot, Words,
+    ShownStates, Snapshot, Temperature, Thermometer, Words,
 };
 
 /// Maximum number of controllers that can be connected to one machine if its control runs a program.
@@ -386,5 +391,321 @@ impl Controller for SimulatedController {
         }
         self.connected()?.apply(corrections);
         Ok(())
+    }
+}
+
+/// The corrections applied to the axes of a simulated machine. There is one record per scan of the control, or per
+/// write if the control runs no program. The log can be read from any thread without side effects.
+///
+/// When the control restarts ([`Controls::clear_applied`]), the changes of its words do
+/// not count, because the axes have no power.
+#[derive(Debug, Default)]
+pub struct AxisLog {
+    scans: AtomicU64,
+    /// Correction of each axis, as the bits of an `f64`.
+    applied: [AtomicU64; MAX_AXES],
+    largest_change: [AtomicU64; MAX_AXES],
+    furthest: [AtomicU64; MAX_AXES],
+    changes_while_held: AtomicU64,
+    records: AtomicBool,
+    recorded: Mutex<Vec<Given>>,
+}
+
+/// The corrections that were applied in one scan.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Given {
+    /// Time of the scan on the clock of the machine.
+    pub at: Duration,
+    /// Applied correction of each axis, mm and rad.
+    pub applied: PerChannel<f64>,
+    /// Whether the axes were held by an emergency stop, by an alarm, or because an axis was not referenced.
+    pub held: bool,
+}
+
+fn load(bits: &[AtomicU64; MAX_AXES]) -> PerChannel<f64> {
+    PerChannel::from_fn(|axis| f64::from_bits(bits[axis].load(Ordering::Relaxed)))
+}
+
+/// Replaces the stored number by `value` if `value` is larger. Negative values are invalid, because their bit patterns
+/// are not ordered like the numbers.
+fn raise(bits: &AtomicU64, value: f64) {
+    bits.fetch_max(value.to_bits(), Ordering::Relaxed);
+}
+
+impl AxisLog {
+    /// Number of scans since the start, or number of writes if the control runs no program.
+    pub fn scans(&self) -> u64 {
+        self.scans.load(Ordering::Relaxed)
+    }
+
+    /// Correction that is applied to each axis at present, mm and rad.
+    pub fn applied(&self) -> PerChannel<f64> {
+        load(&self.applied)
+    }
+
+    /// Largest change of each axis between consecutive scans since [`forget`](Self::forget), mm and rad.
+    pub fn largest_change(&self) -> PerChannel<f64> {
+        load(&self.largest_change)
+    }
+
+    /// Largest magnitude of the correction of each axis since [`forget`](Self::forget), mm and rad.
+    pub fn furthest(&self) -> PerChannel<f64> {
+        load(&self.furthest)
+    }
+
+    /// Number of scans since [`forget`](Self::forget) that changed a correction during an emergency stop or alarm, or
+    /// while an axis was not referenced.
+    pub fn changes_while_held(&self) -> u64 {
+        self.changes_while_held.load(Ordering::Relaxed)
+    }
+
+    /// Resets the largest changes, the largest corrections, the changes while held, and the recorded scans.
+    pub fn forget(&self) {
+        for bits in self.largest_change.iter().chain(&self.furthest) {
+            bits.store(0, Ordering::Relaxed);
+        }
+        self.changes_while_held.store(0, Ordering::Relaxed);
+        self.lock().clear();
+    }
+
+    /// Records the next `most` scans, for [`recorded`](Self::recorded). Allocates in this call, so that scans do not
+    /// allocate.
+    pub fn record(&self, most: usize) {
+        *self.lock() = Vec::with_capacity(most);
+        self.records.store(most > 0, Ordering::Relaxed);
+    }
+
+    /// The scans recorded since the last call of [`record`](Self::record) or [`forget`](Self::forget).
+    pub fn recorded(&self) -> Vec<Given> {
+        self.lock().clone()
+    }
+
+    fn lock(&self) -> std::sync::MutexGuard<'_, Vec<Given>> {
+        self.recorded.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn push(&self, given: &Given) {
+        let before = self.applied();
+        let changes: [f64; MAX_AXES] = array::from_fn(|i| (given.applied[i] - before[i]).abs());
+        for (axis, change) in changes.iter().enumerate() {
+            raise(&self.largest_change[axis], *change);
+            raise(&self.furthest[axis], given.applied[axis].abs());
+        }
+        let changed = given.held && changes.iter().any(|change| *change > 0.0);
+        self.changes_while_held.fetch_add(changed.into(), Ordering::Relaxed);
+        self.start_at(&given.applied);
+        self.scans.fetch_add(1, Ordering::Relaxed);
+        if self.records.load(Ordering::Relaxed) {
+            let mut recorded = self.lock();
+            if recorded.len() < recorded.capacity() {
+                recorded.push(*given);
+            }
+        }
+    }
+
+    fn start_at(&self, applied: &PerChannel<f64>) {
+        for (bits, value) in self.applied.iter().zip(applied) {
+            bits.store(value.to_bits(), Ordering::Relaxed);
+        }
+    }
+}
+
+/// Switches with which a test disturbs a running machine, and the log of its corrections. Every call of the machine
+/// reads the switches, and treats them as set since the previous call.
+#[derive(Debug, Default)]
+pub struct Controls {
+    /// An axis is not referenced, and the machine stops.
+    pub unreferenced: AtomicBool,
+    /// An alarm is active, and the machine stops.
+    pub alarm: AtomicBool,
+    /// The emergency stop is pressed, and the machine stops.
+    pub emergency_stop: AtomicBool,
+    /// Feed hold: the machine stops, but its corrections may change.
+    pub feed_hold: AtomicBool,
+    /// The reported positions do not change, although the axes move.
+    pub frozen: AtomicBool,
+    pub disconnected: AtomicBool,
+    /// At the next call, the machine clears the applied correction, like a reboot without retained data. It also
+    /// restarts the control's program at zero, and resets this switch.
+    pub clear_applied: AtomicBool,
+    /// At the next call, the control restarts with the applied correction still in its axis words, and resets this
+    /// switch. Has no effect if the control runs no program.
+    pub restart: AtomicBool,
+    /// Number of corrections or frames written since the start.
+    pub heartbeat: AtomicU64,
+    pub axes: AxisLog,
+}
+
+impl Controls {
+    /// Whether corrections are held by an emergency stop or alarm, or because an axis is not referenced.
+    fn holds(&self) -> bool {
+        [&self.unreferenced, &self.alarm, &self.emergency_stop]
+            .iter()
+            .any(|switch| switch.load(Ordering::Relaxed))
+    }
+
+    /// Whether the machine stops its motion: by a hold of the corrections, or by feed hold.
+    fn stands(&self) -> bool {
+        self.holds() || self.feed_hold.load(Ordering::Relaxed)
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Move {
+    /// End point, mm and rad.
+    pub to: PerChannel<f64>,
+    /// Speed along the path, mm/s, or rad/s if no linear axis moves.
+    pub feed_per_s: f64,
+    /// Time for which the axes stay at the end point.
+    pub dwell: Duration,
+}
+
+/// Positions along a repeated part program, as a function of time. All moves have the same acceleration and
+/// deceleration.
+#[derive(Clone, Debug)]
+pub struct Path {
+    segments: Vec<Segment>,
+    /// Start time of each segment, s. The last element is the end of the last dwell.
+    starts_s: Vec<f64>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Segment {
+    from: PerChannel<f64>,
+    to: PerChannel<f64>,
+    length: f64,
+    /// Duration of the acceleration, and of the equally long deceleration, s.
+    accelerating_s: f64,
+    coasting_s: f64,
+    acceleration: f64,
+}
+
+impl Path {
+    /// Creates a path that repeats these moves. The acceleration and deceleration is in mm/s², or rad/s² if no linear
+    /// axis moves. The path starts at the end point of the last move.
+    pub fn new(program: &[Move], acceleration: f64) -> Self {
+        let mut from = program.last().map_or(PerChannel::ZERO, |last| last.to);
+        let (mut segments, mut starts_s) = (Vec::new(), vec![0.0]);
+        for step in program {
+            let segment = Segment::new(from, step, acceleration);
+            let before = starts_s[starts_s.len() - 1];
+            starts_s.push(before + segment.duration_s() + step.dwell.as_secs_f64());
+            segments.push(segment);
+            from = step.to;
+        }
+        Self { segments, starts_s }
+    }
+
+    /// Time from the start to the arrival at the end point of the move with this index from 0; `None` if there is no
+    /// such move.
+    pub fn arrival(&self, index: usize) -> Option<Duration> {
+        let (segment, start_s) = (self.segments.get(index)?, self.starts_s.get(index)?);
+        Duration::try_from_secs_f64(start_s + segment.duration_s()).ok()
+    }
+
+    /// Positions of the axes, mm and rad. `elapsed` is the time since the start.
+    pub fn at(&self, elapsed: Duration) -> PerChannel<f64> {
+        let period = self.starts_s[self.starts_s.len() - 1];
+        let time = if period > 0.0 { elapsed.as_secs_f64() % period } else { 0.0 };
+        let index = self.starts_s.partition_point(|start| *start <= time);
+        let place = index.saturating_sub(1).min(self.segments.len().saturating_sub(1));
+        let segment = self.segments.get(place);
+        segment.map_or(PerChannel::ZERO, |s| s.at(time - self.starts_s[place]))
+    }
+}
+
+impl Segment {
+    fn new(from: PerChannel<f64>, step: &Move, acceleration: f64) -> Self {
+        let squares = from.iter().zip(&step.to).map(|(a, b)| (b - a) * (b - a));
+        let length = squares.sum::<f64>().sqrt();
+        // A short move does not reach its feed.
+        let feed = step.feed_per_s.min((length * acceleration).sqrt());
+        let (accelerating_s, coasting_s) = if length > 0.0 && feed > 0.0 {
+            let accelerating_s = feed / acceleration;
+            (accelerating_s, length / feed - accelerating_s)
+        } else {
+            (0.0, 0.0)
+        };
+        Self { from, to: step.to, length, accelerating_s, coasting_s, acceleration }
+    }
+
+    fn duration_s(&self) -> f64 {
+        2.0 * self.accelerating_s + self.coasting_s
+    }
+
+    fn at(&self, time_s: f64) -> PerChannel<f64> {
+        let left_s = self.duration_s() - time_s;
+        let passed = if self.length == 0.0 || left_s <= 0.0 {
+            return self.to;
+        } else if time_s < self.accelerating_s {
+            0.5 * self.acceleration * time_s * time_s
+        } else if left_s < self.accelerating_s {
+            self.length - 0.5 * self.acceleration * left_s * left_s
+        } else {
+            let feed = self.acceleration * self.accelerating_s;
+            feed * (time_s - 0.5 * self.accelerating_s)
+        };
+        let share = passed / self.length;
+        PerChannel::from_fn(|i| self.from[i] + share * (self.to[i] - self.from[i]))
+    }
+}
+
+/// A sensor that warms up by T = start + rise·(1 − exp(−t/τ)).
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Warming {
+    pub name: String,
+    /// Temperature at the start, °C.
+    pub start_degc: f64,
+    /// Final rise above `start_degc`, K.
+    pub rise_k: f64,
+    /// Time constant τ of the warming, s.
+    pub time_constant_s: f64,
+}
+
+impl Warming {
+    fn at(&self, elapsed: Duration) -> f64 {
+        let passed = elapsed.as_secs_f64() / self.time_constant_s;
+        self.start_degc - self.rise_k * (-passed).exp_m1()
+    }
+}
+
+/// The thermometer of a simulated machine. Its sensors warm up by the formula of [`Warming`].
+pub struct SimulatedThermometer {
+    device: String,
+    names: Vec<String>,
+    sensors: Vec<Warming>,
+    clock: Clock,
+    latest: Vec<Temperature>,
+}
+
+impl SimulatedThermometer {
+    fn new(sensors: &[Warming], clock: Clock) -> Self {
+        Self {
+            device: "simulated".to_owned(),
+            names: sensors.iter().map(|s| s.name.clone()).collect(),
+            latest: vec![Temperature::NOT_READ; sensors.len()],
+            sensors: sensors.to_vec(),
+            clock,
+        }
+    }
+}
+
+impl Thermometer for SimulatedThermometer {
+    fn device(&self) -> &str {
+        &self.device
+    }
+
+    fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    fn latest(&mut self) -> &[Temperature] {
+        let (elapsed, now) = (self.clock.elapsed(), self.clock.now());
+        for (latest, sensor) in self.latest.iter_mut().zip(&self.sensors) {
+            *latest = Temperature::good(sensor.at(elapsed), now);
+        }
+        &self.latest
     }
 }

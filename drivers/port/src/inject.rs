@@ -1,8 +1,35 @@
-//! Wraps a device to inject faults. The common part comes first, then the part for each kind of device.
+//! Seeded fault injection. Wrap a device in [`Faulty`] to test the code that uses it. Faults occur with set
+//! probabilities ([`Faults`]) or on request ([`Injection`]), also from another thread ([`Remote`]).
+//!
+//! | fault | models |
+//! | --- | --- |
+//! | `delay`, `jitter` | a busy network, a control that serves its own screen first |
+//! | `drop` | a lost answer; the request did not arrive either |
+//! | `corrupt` | a flipped bit, a position that is not a number |
+//! | `freeze` | a module that answers from a cache: the whole answer is the last one, with its old time |
+//! | `disconnect` | an unplugged cable, a control that reboots |
+//! | `lie` | a wrong read-back: a torn word, garbage in a register, the word of another axis |
+//! | `constant` | a read-back or report that never changes: a copy in the ladder that is no longer executed |
+//! | `late_write` | a write that stays in a queue or an old socket and arrives long after it was abandoned |
+//! | `double_write` | a request repeated by the network, or by a library that retries |
+//! | `torn_write` | words that the control reads while they are being written |
+//! | `reordered_write` | two writes on two paths, of which the first arrives last |
+//! | `late_answer` | an answer that is late, but within the deadline: its content is already old |
+//! | `frozen_positions` | an interpolator that has stopped, or a position that is not updated, with a fresh time |
+//! | `stop_after_read`, `stop_before_write` | a paused program: a stopped process, a suspended virtual machine, swapped memory |
+//! | `dropped_flag` | an interlock that is no longer reported: a broken wire, another layout of a status word |
+//! | `flicker` | a position that toggles by one count at standstill |
+//! | `lag` | positions that show a correction later than the read-back does |
+//!
+//! For a reading that never returns, use a [`Hanging`] controller.
 
 use std::{
     fmt,
-    sync::{Arc, Mutex, PoisonError},
+    sync::{
+        Arc, Mutex, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread,
     time::{Duration, Instant},
 };
 
@@ -10,10 +37,6 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp_vocabulary::PerChannel;
 
-use super::{
-    Faults, Injection, Lie,
-    delayed_writes::{DelayedWrites, Write},
-};
 use crate::{
     Clock, Controller, ControllerState, Description, DigitalIo, Fault, InputLevels, Snapshot,
     Temperature, Thermometer, Words,
@@ -615,5 +638,305 @@ impl<T: Thermometer> Thermometer for Faulty<T> {
             *degc += kelvin;
         }
         &self.last_temperatures
+    }
+}
+
+/// Probabilities of the faults per call, 0 to 1, and the size of the faults.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(default))]
+pub struct Faults {
+    /// Delay of every call. With `jitter` it is the maximum delay.
+    pub delay: Duration,
+    /// Whether the delay of each call is drawn uniformly from 0 to `delay`.
+    pub jitter: bool,
+    /// Probability that a call times out and its request does not reach the device.
+    pub drop: f64,
+    /// Probability that one number or bit of the answer is wrong: a jump, a NaN, an infinity.
+    pub corrupt: f64,
+    /// Probability that this answer and the next ones, `calls` answers in total, repeat the previous answer.
+    pub freeze: f64,
+    /// Probability that this call and the next ones, `calls` calls in total, find no connection.
+    pub disconnect: f64,
+    /// Duration of a freeze or disconnection, calls. For every other lasting fault, the maximum of the drawn duration
+    /// or delay.
+    pub calls: u32,
+    /// Probability that the read-back of one reading is wrong, by one of the kinds of [`Lie`].
+    pub lie: f64,
+    /// Probability that this reading and the next ones, up to `calls` readings in total, show the read-back or the
+    /// barrier's report of this reading.
+    pub constant: f64,
+    /// Probability that the call of a write succeeds, but the write is delivered only after up to `calls` further
+    /// calls, even if the connection was lost in between.
+    pub late_write: f64,
+    /// Probability that a write is delivered at once, and a second time after up to `calls` further calls.
+    pub double_write: f64,
+    /// Probability that only some words or axes of a write are delivered. The rest follows with the next call.
+    pub torn_write: f64,
+    /// Probability that a write is delivered after the next write.
+    pub reordered_write: f64,
+    /// Probability that an answer arrives late, after up to 90 % of the time left before the deadline.
+    pub late_answer: f64,
+    /// Probability that this reading and the next ones, up to `calls` readings in total, show the positions of this
+    /// reading with fresh times.
+    pub frozen_positions: f64,
+    /// Probability that the whole program pauses for up to `stop` after a reading.
+    pub stop_after_read: f64,
+    /// Probability that the whole program pauses for up to `stop` between the call of a write and its transmission.
+    pub stop_before_write: f64,
+    /// Maximum duration of the pauses of the program.
+    pub stop: Duration,
+    /// Probability that up to `calls` readings, starting with this one, report: referenced, no alarm, no emergency
+    /// stop.
+    pub dropped_flag: f64,
+    /// Probability that the position of one axis is one correction step too large in one reading.
+    pub flicker: f64,
+    /// Number of readings by which positions lag, with fresh times; at most 63.
+    pub lag: u32,
+}
+
+/// Kind of a wrong read-back. If the control has a barrier, the words of its report are corrupted, which its checksum
+/// must reveal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Lie {
+    /// One axis is off by up to 5000 steps, or one word is random.
+    Value,
+    /// One axis is NaN, or all words are 65535.
+    NotANumber,
+    /// Two axes, or two words, are exchanged.
+    OtherAxis,
+    /// Some axes or words have the values of the previous reading.
+    Torn,
+    /// All axes, or words, are zero.
+    Zero,
+}
+
+impl Lie {
+    pub const ALL: [Self; 5] =
+        [Self::Value, Self::NotANumber, Self::OtherAxis, Self::Torn, Self::Zero];
+}
+
+/// A requested fault. It is injected at the next call to which it applies.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum Injection {
+    /// The next `readings` readings show a wrong read-back.
+    Lie { lie: Lie, readings: u32 },
+    /// The next `readings` readings show the read-back of the first of these readings.
+    Constant { readings: u32 },
+    /// The next write is delivered after `calls` further calls on an open connection.
+    LateWrite { calls: u32 },
+    /// The next write is delivered at once, and a second time after `calls` further calls.
+    DoubleWrite { calls: u32 },
+    /// Only a part of the next write is delivered. The rest follows with the next call.
+    TornWrite,
+    /// The next write is delivered after the write that follows it.
+    ReorderedWrite,
+    /// The next answer is delayed by this time, but arrives before the deadline.
+    LateAnswer(Duration),
+    /// The next `readings` readings show the positions of the first of these readings.
+    FrozenPositions { readings: u32 },
+    /// The next `readings` readings report a wrong position of one axis, as after a jump or in another unit.
+    WrongPosition {
+        axis: usize,
+        /// Factor by which the position is multiplied.
+        factor: f64,
+        /// Offset added after the multiplication, mm or rad.
+        add: f64,
+        readings: u32,
+    },
+    /// The program pauses for this time after the next reading.
+    StopAfterRead(Duration),
+    /// The program pauses for this time before the next write is sent.
+    StopBeforeWrite(Duration),
+    /// The next `readings` readings report: referenced, no alarm, no emergency stop.
+    DroppedFlag { readings: u32 },
+    /// The next reading shows the position of this axis one correction step too large.
+    Flicker { axis: usize },
+    /// From now on, positions lag by this number of readings, at most 63.
+    Lag(u32),
+    /// The next `calls` calls find no connection.
+    Disconnect { calls: u32 },
+    /// From now on, the temperature of one sensor of a thermometer is wrong by this offset. An offset of 0 K ends the
+    /// fault.
+    Jump {
+        sensor: usize,
+        /// Offset of the temperature, K.
+        kelvin: f64,
+    },
+    /// The next call on an open connection delivers all delayed writes.
+    Release,
+    /// Replaces the probabilities and sizes of random faults.
+    Faults(Faults),
+}
+
+/// Maximum number of delayed writes. Further writes are delivered at once.
+const MAX_DELAYED: usize = 8;
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Write {
+    Frame(Words),
+    Values(PerChannel<f64>),
+    Levels(u64),
+}
+
+impl Write {
+    /// Combines the first part of this write with the rest of the previous write, as a control reads them in the middle
+    /// of the write. `cut` is the fraction of this write that belongs to the first part, 0 to 1.
+    fn torn(&self, before: Option<&Self>, cut: f64) -> Self {
+        match (*self, before) {
+            (Self::Frame(new), Some(Self::Frame(old))) => {
+                let mut mixed = new;
+                let at = cut_index(cut, mixed.as_slice().len());
+                let rest = mixed.as_mut_slice().iter_mut().zip(old.as_slice());
+                rest.skip(at).for_each(|(word, old)| *word = *old);
+                Self::Frame(mixed)
+            }
+            (Self::Frame(new), _) => {
+                let mut mixed = new;
+                let at = cut_index(cut, mixed.as_slice().len());
+                mixed.as_mut_slice().iter_mut().skip(at).for_each(|word| *word = 0);
+                Self::Frame(mixed)
+            }
+            (Self::Values(new), before) => {
+                let old = match before {
+                    Some(Self::Values(old)) => *old,
+                    _ => PerChannel::ZERO,
+                };
+                let at = cut_index(cut, 3);
+                Self::Values(PerChannel::from_fn(|i| if i < at { new[i] } else { old[i] }))
+            }
+            (Self::Levels(new), before) => {
+                let old = match before {
+                    Some(Self::Levels(old)) => *old,
+                    _ => 0,
+                };
+                let first = (1_u64 << cut_index(cut, 16)) - 1;
+                Self::Levels(new & first | old & !first)
+            }
+        }
+    }
+}
+
+/// Number of elements before the cut. It is at least 1 and below `count`.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    clippy::cast_precision_loss,
+    reason = "a few words"
+)]
+fn cut_index(cut: f64, count: usize) -> usize {
+    ((cut.clamp(0.0, 1.0) * count as f64) as usize).clamp(1, count.saturating_sub(1).max(1))
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Due {
+    After(u32),
+    NextWrite,
+}
+
+/// The delayed writes. Their order has no meaning, because free slots are reused.
+#[derive(Clone, Copy, Debug, Default)]
+struct DelayedWrites([Option<(Write, Due)>; MAX_DELAYED]);
+
+impl DelayedWrites {
+    /// Delays a write by a number of calls, at least 1. Returns the write if the queue is full.
+    fn keep(&mut self, write: Write, calls: u32) -> Option<Write> {
+        self.put(write, Due::After(calls.max(1)))
+    }
+
+    /// Delays a write until the next write was delivered. Returns the write if the queue is full.
+    fn keep_for_next(&mut self, write: Write) -> Option<Write> {
+        self.put(write, Due::NextWrite)
+    }
+
+    fn put(&mut self, write: Write, due: Due) -> Option<Write> {
+        match self.0.iter_mut().find(|slot| slot.is_none()) {
+            Some(slot) => {
+                *slot = Some((write, due));
+                None
+            }
+            None => Some(write),
+        }
+    }
+
+    /// Counts a call that reached the device. Writes that are delayed by a number of calls may become due with this
+    /// call.
+    fn pass(&mut self) {
+        for (_, due) in self.0.iter_mut().flatten() {
+            if let Due::After(calls) = due {
+                *calls = calls.saturating_sub(1);
+            }
+        }
+    }
+
+    fn release(&mut self) {
+        for (_, due) in self.0.iter_mut().flatten() {
+            *due = Due::After(0);
+        }
+    }
+
+    /// Removes and returns one write that is due; `None` if no write is due. `written` means that a write has just been
+    /// delivered, which makes the writes due that are delayed until the next write.
+    fn take(&mut self, written: bool) -> Option<Write> {
+        let due = |slot: &&mut Option<(Write, Due)>| match slot {
+            Some((_, Due::After(calls))) => *calls == 0,
+            Some((_, Due::NextWrite)) => written,
+            None => false,
+        };
+        let (write, _) = self.0.iter_mut().find(due)?.take()?;
+        Some(write)
+    }
+}
+
+/// Interval at which a blocked reading checks its switch.
+const LOOK_EVERY: Duration = Duration::from_millis(1);
+
+/// A controller whose readings block while its switch is on, regardless of their deadline, like a hanging driver or
+/// system call. Writes do not block.
+pub struct Hanging<C> {
+    inner: C,
+    switch: HangSwitch,
+}
+
+/// Switch of a [`Hanging`] controller, usable from any thread.
+#[derive(Clone, Debug, Default)]
+pub struct HangSwitch(Arc<AtomicBool>);
+
+impl HangSwitch {
+    pub fn set(&self, hangs: bool) {
+        self.0.store(hangs, Ordering::Relaxed);
+    }
+
+    fn is_on(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
+    }
+}
+
+impl<C> Hanging<C> {
+    /// Wraps a controller whose readings block while `switch` is on.
+    pub fn new(inner: C, switch: &HangSwitch) -> Self {
+        Self { inner, switch: switch.clone() }
+    }
+}
+
+impl<C: Controller> Controller for Hanging<C> {
+    fn description(&self) -> &Description {
+        self.inner.description()
+    }
+
+    fn read(&mut self, deadline: Instant) -> Result<Snapshot, Fault> {
+        while self.switch.is_on() {
+            thread::sleep(LOOK_EVERY);
+        }
+        self.inner.read(deadline)
+    }
+
+    fn post(&mut self, frame: &Words, deadline: Instant) -> Result<(), Fault> {
+        self.inner.post(frame, deadline)
+    }
+
+    fn apply(&mut self, corrections: &PerChannel<f64>, deadline: Instant) -> Result<(), Fault> {
+        self.inner.apply(corrections, deadline)
     }
 }
