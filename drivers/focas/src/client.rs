@@ -7,11 +7,10 @@ use volcomp_port::Fault;
 
 use crate::{
     answers::{Alarm, PositionKind, StatusInfo, SystemInfo, function, slot, status},
-    error::FocasError,
+    error::{FocasError, ReturnCode},
     frame::{Command, FrameError, Request, Target, number_bytes},
     parameters::{SHIFT_FIRST, SHIFT_IN_USE, ShiftSource},
     pmc::{PmcArea, Width},
-    return_code::ReturnCode,
     session::Session,
 };
 

@@ -1,19 +1,16 @@
 #![doc = include_str!("../README.md")]
 
-mod abilities;
 mod answers;
 mod client;
 mod config;
 mod controller;
 mod error;
 pub mod frame;
-mod link;
 mod map_words;
 mod parameters;
 mod plan;
 mod pmc;
 mod reading;
-mod return_code;
 mod session;
 #[cfg(feature = "simulator")]
 pub mod simulator;
@@ -24,12 +21,10 @@ pub const PORT: u16 = 8193;
 pub use answers::{Alarm, PositionKind, StatusInfo, SystemInfo};
 pub use client::Client;
 pub use config::{FocasConfig, Shift};
-pub use controller::FocasController;
-pub use error::FocasError;
-pub use link::{Inspection, inspect};
+pub use controller::{FocasController, Inspection, inspect};
+pub use error::{FocasError, ReturnCode};
 pub use map_words::{MapPlaces, MapWords};
 pub use parameters::ShiftSource;
 pub use plan::{Abilities, Packing};
 pub use pmc::{BarrierArea, Block, PmcAddress, PmcArea, Width};
-pub use return_code::ReturnCode;
 pub use session::Session;

@@ -14,9 +14,8 @@ use rustix::{
 use volcomp_port::Fault;
 
 use crate::{
-    error::FocasError,
+    error::{FocasError, ReturnCode},
     frame::{Blocks, HEAD, Head, Kind, Request, close_frame, open_frame},
-    return_code::ReturnCode,
 };
 
 const MAX_RESPONSE_BYTES: usize = 65_536;

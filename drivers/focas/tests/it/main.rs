@@ -4,7 +4,6 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod abilities;
-mod allocations;
 mod barrier;
 mod client;
 mod config;
