@@ -5,7 +5,10 @@ use volcomp_vocabulary::{AxisName, MAX_AXES};
 
 use super::link::{Link, number_of, runtime};
 use crate::{
-    config::SinumerikConfig, error::SinumerikError, nodes::Nodes, reading, server::Server,
+    config::{Server, SinumerikConfig},
+    error::SinumerikError,
+    nodes::Nodes,
+    reading,
 };
 
 /// Properties of one axis as reported by the control.

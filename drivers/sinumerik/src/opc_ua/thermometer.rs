@@ -4,8 +4,11 @@ use std::time::{Duration, Instant};
 
 use volcomp_port::{DeviceError, Published, Publisher, Reason, Temperature, published};
 
-use super::{controller::start, failure_log::FailureLog, link::Link};
-use crate::{error::SinumerikError, server::Server};
+use crate::opc_ua::{
+    link::Link,
+    worker::{FailureLog, start},
+};
+use crate::{config::Server, error::SinumerikError};
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Sensor {

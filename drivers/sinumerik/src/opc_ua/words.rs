@@ -3,7 +3,7 @@
 use opcua::types::{DataValue, Variant};
 
 use super::link::{Link, runtime};
-use crate::{error::SinumerikError, map_nodes::MapNodes, server::Server};
+use crate::{config::Server, error::SinumerikError, nodes::MapNodes};
 
 const MAX_ARRAYS_PER_READ: usize = 16;
 

@@ -10,7 +10,7 @@ use volcomp_sinumerik::{
 use volcomp_test_support::until;
 use volcomp_vocabulary::{AxisName, PerChannel};
 
-use crate::peer::{Peer, TIMEOUT};
+use crate::{Peer, TIMEOUT};
 
 const XYZ: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
 

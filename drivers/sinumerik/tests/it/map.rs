@@ -10,7 +10,7 @@ use volcomp_tables::{
 };
 use volcomp_test_support::until;
 
-use crate::peer::{Peer, TIMEOUT};
+use crate::{Peer, TIMEOUT};
 
 const MACHINE: u16 = 1002;
 /// Settings of the simulated PLC, with 10 ms per scan. The map stays valid for 4 s after the last frame, which is

@@ -4,7 +4,7 @@ use volcomp_port::{Backoff, Quality, Thermometer};
 use volcomp_sinumerik::{Sensor, Server, poll_temperatures};
 use volcomp_test_support::until;
 
-use crate::peer::{Peer, TIMEOUT};
+use crate::{Peer, TIMEOUT};
 
 #[test]
 fn temperatures_keep_their_age() {
