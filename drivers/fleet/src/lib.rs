@@ -2,10 +2,7 @@
 
 mod address;
 #[cfg(feature = "nats")]
-mod collect;
-#[cfg(feature = "nats")]
 mod hub;
-mod identity;
 #[cfg(feature = "nats")]
 mod link;
 mod manifest;
@@ -14,16 +11,14 @@ mod report;
 #[cfg(feature = "server")]
 pub mod server;
 mod spool;
-#[cfg(feature = "nats")]
-mod streams;
 mod subjects;
 
 pub use address::{ADDRESSES, addresses, first_port, in_the_clear, wrong_address};
 #[cfg(feature = "nats")]
-pub use collect::{Batch, Collection, Received};
-#[cfg(feature = "nats")]
-pub use hub::{DesiredEvent, DesiredValue, DesiredWatch, Hub};
-pub use identity::{IdError, Identity, MachineId, SiteId};
+pub use hub::{
+    Batch, Collection, DesiredEvent, DesiredValue, DesiredWatch, Hub, Received, StreamRetention,
+    prepare, put_model,
+};
 #[cfg(feature = "nats")]
 pub use link::{LinkError, LinkSettings, MachineLink, MachineSender};
 pub use manifest::{
@@ -36,6 +31,4 @@ pub use permissions::{
 };
 pub use report::{Acknowledgement, AuditLine, Condition, Envelope, Outcome, largest_moves};
 pub use spool::{Lane, Spool, SpoolLimits, Waiting};
-#[cfg(feature = "nats")]
-pub use streams::{StreamRetention, prepare, put_model};
-pub use subjects::{Kind, Subjects};
+pub use subjects::{IdError, Identity, Kind, MachineId, SiteId, Subjects};

@@ -12,7 +12,7 @@ use volcomp_fleet::{
 };
 use volcomp_test_support::free_address;
 
-use crate::bench::{identity, runtime};
+use crate::{identity, runtime};
 
 /// Timeout for steps that succeed even on a slow computer.
 const LONG: Duration = Duration::from_secs(60);

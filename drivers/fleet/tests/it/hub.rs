@@ -6,7 +6,7 @@ use bytes::Bytes;
 use tokio::time::timeout;
 use volcomp_fleet::{DesiredEvent, Hub, Kind, LinkSettings, MachineLink, StreamRetention};
 
-use crate::bench::Bench;
+use crate::Bench;
 
 const SOON: Duration = Duration::from_secs(60);
 

@@ -2,7 +2,7 @@
 
 use volcomp_fleet::{MachineUser, ServerConfigError, ServerSettings};
 
-use crate::bench::identity;
+use crate::identity;
 
 fn settings() -> ServerSettings {
     ServerSettings {

@@ -9,7 +9,7 @@ use futures_util::StreamExt;
 use tokio::time::timeout;
 use volcomp_fleet::{Identity, Kind, MachineLink, ModelRef, put_model};
 
-use crate::bench::{Bench, runtime};
+use crate::{Bench, runtime};
 
 const SOON: Duration = Duration::from_secs(5);
 /// A request not answered within this time counts as rejected.
@@ -222,7 +222,7 @@ fn an_invalid_seed_is_rejected() {
         seed: "SU".to_owned(),
         roots: None,
     };
-    let identity: &Identity = &crate::bench::identity("mill-a");
+    let identity: &Identity = &crate::identity("mill-a");
     let connected = runtime().block_on(MachineLink::connect(&settings, identity));
     assert!(matches!(connected, Err(volcomp_fleet::LinkError::Seed)));
 }
