@@ -8,8 +8,7 @@ use volcomp_port::{Backoff, DeviceError, Published, Publisher, Reason, Temperatu
 
 use crate::{
     bus::{ANSWER_WITHIN, Bus, Line, RequestError, thread_error},
-    profile::{Channels, Profile, Status},
-    registers::read_channel,
+    profile::{Channels, Profile, Status, read_channel},
 };
 
 /// Maximum number of consecutive polling rounds in which a module that does not answer is skipped.

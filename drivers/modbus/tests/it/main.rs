@@ -3,7 +3,6 @@
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-mod iec60751;
 mod line;
 mod outputs;
 mod peers;
