@@ -1,18 +1,17 @@
+//! The controller of a control with digital lines: its axes, whose positions are tracked, and its outputs, which carry
+//! the corrections.
+
 use std::time::{Duration, Instant};
 
 use volcomp_port::{
     Axis, Controller, ControllerState, Description, DeviceError, DigitalIo, Fault, Heartbeat,
     InputLevels, ShownStates, Snapshot,
 };
-
-use volcomp_vocabulary::{Displacement, PerChannel};
+use volcomp_vocabulary::{AxisKind, AxisName, Displacement, PerChannel};
 
 use crate::{
-    axis::DigitalAxis,
-    coherent::{Coherence, read_coherent},
-    outputs::Outputs,
     wiring::Wiring,
-    words::Unwrapper,
+    words::{CorrectionWord, PositionWord, Unwrapper},
 };
 
 /// A control that reports positions on digital lines and receives corrections on other lines. Axes that share lines are
@@ -225,5 +224,303 @@ impl<D: DigitalIo> Controller for DigitalController<D> {
             return Err(Fault::Unfinished);
         }
         Ok(())
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct DigitalAxis {
+    /// Letter of the axis, which also determines whether it is linear or rotary.
+    pub name: AxisName,
+    pub position: PositionWord,
+    /// Tracking parameters if the word encodes only the low bits of the position; `None` if it encodes the whole
+    /// position.
+    pub low_bits: Option<LowBits>,
+    pub correction: CorrectionWord,
+    /// Whether reported positions contain the correction.
+    pub includes_correction: bool,
+}
+
+/// Tracking of a position whose word has only the low bits. The position stays known if the axis moves less than half
+/// the range of the word between two readings.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct LowBits {
+    /// Position of the axis at the first reading, such as its reference position.
+    pub from: Displacement,
+    /// Maximum speed of the axis, as the travel in one second: a length for a linear axis, an angle for a rotary axis.
+    pub most_per_s: Displacement,
+}
+
+impl LowBits {
+    /// Maximum time between two readings of the word. After a longer time the position is unknown.
+    fn within(&self, word: &PositionWord) -> Duration {
+        let seconds = 0.5 * word.range() / self.most_per_s.mm_or_rad();
+        Duration::try_from_secs_f64(seconds).unwrap_or(Duration::ZERO)
+    }
+}
+
+impl DigitalAxis {
+    /// Creates an axis with the published words: a position of 15 bits of 1/32 mm from 0 to 1024 mm, and a correction
+    /// of 8 bits of 1 µm. These steps are lengths. For a rotary axis, set angular steps, or
+    /// [`DigitalController::new`](crate::DigitalController::new) rejects the axis.
+    pub fn published(name: AxisName) -> Self {
+        Self {
+            name,
+            position: PositionWord::PUBLISHED,
+            low_bits: None,
+            correction: CorrectionWord::PUBLISHED,
+            includes_correction: false,
+        }
+    }
+
+    /// Checks that all position settings have the quantity of the axis (length or angle). The check of the description
+    /// covers the correction step.
+    fn check(&self) -> Result<(), String> {
+        let (kind, position) = (self.name.kind(), self.position);
+        let known = self.low_bits.map_or(position.zero, |low| low.from);
+        if let Some(LowBits { most_per_s, .. }) = self.low_bits
+            && !(most_per_s.kind() == kind && most_per_s.mm_or_rad() > 0.0)
+        {
+            return Err(format!(
+                "axis {}: found that it moves at most {most_per_s} in a second, expected more than 0 and the unit of its positions",
+                self.name
+            ));
+        }
+        if position.is_of(kind) && known.kind() == kind {
+            return Ok(());
+        }
+        Err(format!(
+            "axis {}: found a position step of {} from {} on, expected {}",
+            self.name,
+            position.step,
+            known,
+            match kind {
+                AxisKind::Linear => "lengths, since the axis is linear",
+                AxisKind::Rotary => "angles, since the axis is rotary",
+            }
+        ))
+    }
+}
+
+/// Time limit for toggling the latch, as a multiple of the time limit of one write: one limit until a write has failed,
+/// and two limits for one cycle, which is shorter.
+const LATCHED_WITHIN: u32 = 3;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Latching {
+    /// The control has received the last correction, and the latch has not changed since then.
+    Taken,
+    /// The word was written with these levels. The latch toggles once the device has confirmed them.
+    Settling(u64),
+    /// The latch was toggled, giving these levels. No other line changes until the device has confirmed them.
+    Turned(u64),
+}
+
+struct Outputs {
+    latching: Latching,
+    /// Time until which the latch may be toggled for the last written word.
+    latched_by: Instant,
+    /// Last confirmed level of the latch, as a bit at the position of its line.
+    seen_latch: Option<u64>,
+    /// Whether the device currently reports its output levels.
+    is_reported: bool,
+    taken: PerChannel<Option<f64>>,
+    /// Correction that the control last received, if there is only one axis.
+    carried: Option<PerChannel<f64>>,
+}
+
+impl Outputs {
+    fn new() -> Self {
+        Self {
+            latching: Latching::Taken,
+            latched_by: Instant::now(),
+            seen_latch: None,
+            is_reported: false,
+            taken: PerChannel::from_fn(|_| None),
+            carried: None,
+        }
+    }
+
+    /// Corrections on the lines at the last confirmed write, by axis, mm or rad; `None` for an axis that was not
+    /// written yet.
+    fn taken(&self) -> &PerChannel<Option<f64>> {
+        &self.taken
+    }
+
+    /// Correction on the lines now; it is known before the first write, too. NaN for a word that encodes none, so that
+    /// the guard writes nothing over it. `None` if the device does not report its output levels, or if there are several
+    /// axes.
+    fn carried(&self) -> Option<PerChannel<f64>> {
+        self.carried.filter(|_| self.is_reported)
+    }
+
+    /// Writes the word of an axis. With a latch, a correction takes two writes: the word, then, once that is confirmed,
+    /// the latch alone. While the level of the latch is unknown nothing is written, because the latch could toggle
+    /// together with the word. While the levels of unused outputs are unknown nothing is written, unless the device
+    /// cannot report them. Errors: see [`DigitalIo::write`].
+    fn write(
+        &mut self,
+        io: &mut impl DigitalIo,
+        wiring: &Wiring,
+        (word, axis): (u32, u32),
+        deadline: Instant,
+    ) -> Result<(), Fault> {
+        let confirmed = io.confirmed();
+        let has_others = wiring.leaves_outputs(io.outputs());
+        let now = Instant::now();
+        let word = wiring.levels(word, axis);
+        let (levels, next) = match confirmed {
+            Some(confirmed) => self.next(wiring, word, confirmed, now),
+            None if wiring.latch.is_some() => {
+                return Err(Fault::Unsupported(
+                    "a latch while the module does not report its level",
+                ));
+            }
+            None if has_others && io.reports_outputs() => {
+                return Err(Fault::Unsupported(
+                    "writing while the levels of other outputs are unknown",
+                ));
+            }
+            None => (word, Latching::Taken),
+        };
+        // A word that is sent again keeps its time limit.
+        let is_resent = now <= self.latched_by
+            && matches!(
+                (self.latching, next),
+                (Latching::Settling(a), Latching::Settling(b)) if (a ^ b) & wiring.used_outputs() == 0
+            );
+        if !is_resent && matches!(next, Latching::Settling(_)) {
+            let within = deadline.saturating_duration_since(now).saturating_mul(LATCHED_WITHIN);
+            self.latched_by = now.checked_add(within).unwrap_or(deadline);
+        }
+        // A write that fails may have been sent nevertheless.
+        self.latching = next;
+        io.write(levels, deadline)
+    }
+
+    /// The levels to write next, and the state after that write. Unused lines keep the levels that the device has
+    /// confirmed. After the time limit the requested word replaces the unconfirmed one: the control may be at zero by
+    /// then, and the earlier word would be a step.
+    fn next(&self, wiring: &Wiring, word: u64, confirmed: u64, now: Instant) -> (u64, Latching) {
+        let bit = wiring.latch_bit();
+        let others = confirmed & !wiring.used_outputs();
+        if bit == 0 {
+            return (word | others, Latching::Taken);
+        }
+        // Until a word is confirmed no other one is sent: an earlier equal word would confirm it, while the other one
+        // is still on its way.
+        if let Latching::Settling(levels) = self.latching
+            && now <= self.latched_by
+            && confirmed != levels
+            && (confirmed ^ levels) & bit == 0
+        {
+            let levels = levels & wiring.used_outputs() | others;
+            return (levels, Latching::Settling(levels));
+        }
+        let turned = match self.latching {
+            _ if now > self.latched_by => None,
+            Latching::Settling(levels) if confirmed == levels => Some(levels ^ bit),
+            Latching::Turned(levels) if confirmed ^ levels == bit => Some(levels),
+            _ => None,
+        };
+        if let Some(levels) = turned {
+            return (levels, Latching::Turned(levels));
+        }
+        let levels = word | others | confirmed & bit;
+        (levels, Latching::Settling(levels))
+    }
+
+    /// Updates the state from the levels that the device has confirmed. `wrote` is true if anything was written since
+    /// the start.
+    fn note(&mut self, io: &impl DigitalIo, wiring: &Wiring, axes: &[DigitalAxis], wrote: bool) {
+        let confirmed = io.confirmed();
+        self.is_reported = confirmed.is_some();
+        let Some(levels) = confirmed else {
+            return;
+        };
+        if !self.is_received(wiring, levels) {
+            return;
+        }
+        let (word, axis) = wiring.control_inputs(levels);
+        let index = usize::try_from(axis).unwrap_or(usize::MAX);
+        let Some(axis) = axes.get(index) else {
+            return;
+        };
+        let correction = axis.correction.decode(word);
+        if axes.len() == 1 {
+            let mut carried = PerChannel::ZERO;
+            carried[index] = correction.unwrap_or(f64::NAN);
+            self.carried = Some(carried);
+        }
+        if wrote {
+            self.taken[index] = correction;
+        }
+    }
+
+    /// Whether the control has received the word in these confirmed levels. With a latch the control receives a word at
+    /// each edge, also at an edge that the device causes, for example by a loss of its supply. If outputs fall without
+    /// an edge, the control receives nothing.
+    fn is_received(&mut self, wiring: &Wiring, levels: u64) -> bool {
+        let bit = wiring.latch_bit();
+        if bit == 0 {
+            return true;
+        }
+        let has_edge = match self.seen_latch.replace(levels & bit) {
+            Some(before) => before != levels & bit,
+            // The levels that are found at the start count as received.
+            None => self.latching == Latching::Taken,
+        };
+        let Latching::Turned(turned) = self.latching else {
+            return has_edge;
+        };
+        // The device lost its outputs while the latch was being toggled. The order of both is unknown, so the outputs
+        // count as received.
+        let is_lost = (turned ^ levels) & wiring.used_outputs() & !bit != 0;
+        if is_lost || turned == levels {
+            self.latching = Latching::Taken;
+        }
+        has_edge || is_lost
+    }
+}
+
+/// Condition on which a position word counts as coherent, that is, with all bits from one instant.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Coherence {
+    /// Two consecutive readings agree. Both can be wrong if the lines are skewed for longer than one reading, or if a
+    /// port returns the same image until its next exchange (Modbus). In these cases use Gray code, a parity or a
+    /// strobe.
+    TwoAgree,
+    /// Two consecutive readings agree, and the strobe is 1 in both.
+    Strobe,
+    /// A single reading suffices, because the port latches its inputs together.
+    Latched,
+}
+
+/// Reads the inputs until the word is coherent. Returns the levels, with unused lines set to 0, and the time of the
+/// reading.
+///
+/// # Errors
+/// [`Fault::TimedOut`] if no word was stable before the deadline, or a fault of the port.
+pub fn read_coherent(
+    io: &mut impl DigitalIo,
+    wiring: &Wiring,
+    coherence: Coherence,
+    deadline: Instant,
+) -> Result<InputLevels, Fault> {
+    let used = wiring.used_inputs();
+    let mut before = None;
+    loop {
+        let InputLevels { levels, taken } = io.read(deadline)?;
+        let levels = levels & used;
+        let agrees = coherence == Coherence::Latched || before == Some(levels);
+        if agrees && wiring.position_input(levels).valid {
+            return Ok(InputLevels { levels, taken });
+        }
+        before = Some(levels);
+        if Instant::now() >= deadline {
+            return Err(Fault::TimedOut);
+        }
     }
 }

@@ -1,18 +1,13 @@
 #![doc = include_str!("../README.md")]
 
-mod axis;
-mod coherent;
 mod controller;
 #[cfg(feature = "gpio")]
 mod gpio;
-mod outputs;
 mod panel;
 mod wiring;
 mod words;
 
-pub use axis::{DigitalAxis, LowBits};
-pub use coherent::{Coherence, read_coherent};
-pub use controller::DigitalController;
+pub use controller::{Coherence, DigitalAxis, DigitalController, LowBits, read_coherent};
 #[cfg(feature = "gpio")]
 pub use gpio::{GpioPort, LineSet};
 pub use panel::{Panel, PanelWord};

@@ -7,7 +7,7 @@ use std::{
 
 use volcomp_port::{DigitalIo, Fault, InputLevels};
 
-use crate::{axis::DigitalAxis, wiring::Wiring};
+use crate::{controller::DigitalAxis, wiring::Wiring};
 
 /// Decoded levels of the lines to a control.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
