@@ -4,7 +4,6 @@
 
 mod acceptance;
 mod cluster;
-mod fuzz_corpus;
 mod hub;
 mod permissions;
 mod server_2_9;
