@@ -7,7 +7,6 @@ mod map;
 mod nested;
 mod reading;
 mod secured;
-mod thermometer;
 
 use std::{
     io::{BufRead as _, BufReader, Write as _},
