@@ -60,6 +60,10 @@ pub(crate) const MAX_FRAMES_PER_READ: usize = 256;
 pub trait CanPort: Send {
     fn device(&self) -> &str;
 
+    /// Asks the port for the frames with these identifiers alone; `true`: the identifier has 29 bits. A port may deliver
+    /// others nevertheless, for example those that were already waiting.
+    fn accept_only(&mut self, _ids: &[(u32, bool)]) {}
+
     /// Receives the next frame or error report; `None` if none arrived before the deadline. A frame that is already
     /// waiting is returned even after the deadline.
     ///

@@ -97,7 +97,9 @@ pub(crate) struct Receiver<P> {
 }
 
 impl<P: CanPort> Receiver<P> {
-    pub(crate) fn new(port: P, messages: Vec<ReceivedMessage>) -> Self {
+    pub(crate) fn new(mut port: P, messages: Vec<ReceivedMessage>) -> Self {
+        let id = |received: &ReceivedMessage| (received.message.id, received.message.extended);
+        port.accept_only(&messages.iter().map(id).collect::<Vec<_>>());
         Self { port, messages, health: Health::default() }
     }
 

@@ -8,8 +8,9 @@ use rustix::{
     io::Errno,
 };
 use socketcan::{
-    CanAnyFrame, CanDataFrame, CanFdFrame, CanFdSocket, EmbeddedFrame, ExtendedId, Frame as _, Id,
-    Socket, SocketOptions, StandardId,
+    CanAnyFrame, CanDataFrame, CanFdFrame, CanFdSocket, CanFilter, EmbeddedFrame, ExtendedId,
+    Frame as _, Id, Socket, SocketOptions, StandardId,
+    id::{CAN_EFF_FLAG, CAN_EFF_MASK, CAN_RTR_FLAG},
 };
 use volcomp_port::{DeviceError, Fault};
 
@@ -69,6 +70,18 @@ impl CanSocket {
 impl CanPort for CanSocket {
     fn device(&self) -> &str {
         &self.device
+    }
+
+    /// Sets a filter of the kernel. Without it frames of other devices would fill the socket's queue, and delay or lose
+    /// the frames that are used.
+    fn accept_only(&mut self, ids: &[(u32, bool)]) {
+        let filter = |&(id, extended): &(u32, bool)| {
+            let kind = if extended { CAN_EFF_FLAG } else { 0 };
+            CanFilter::new(id | kind, CAN_EFF_MASK | CAN_EFF_FLAG | CAN_RTR_FLAG)
+        };
+        let filters: Vec<CanFilter> = ids.iter().map(filter).collect();
+        // If the kernel refuses the filter, all frames are received and most are ignored.
+        let _ = self.socket.set_filters(&filters);
     }
 
     fn receive(&mut self, deadline: Instant) -> Result<Option<Received>, Fault> {

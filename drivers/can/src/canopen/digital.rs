@@ -29,7 +29,7 @@ impl<P: CanPort> CanopenDigital<P> {
     /// # Errors
     /// A node number outside 1 to 127, or more than 64 inputs or outputs.
     pub fn new(
-        port: P,
+        mut port: P,
         node: u8,
         inputs: u32,
         outputs: u32,
@@ -41,7 +41,7 @@ impl<P: CanPort> CanopenDigital<P> {
             return Err(DeviceError::option(port.device(), what, remedy));
         }
         Ok(Self {
-            nodes: Nodes::new([node].into_iter(), silent_after),
+            nodes: Nodes::new(&mut port, [node].into_iter(), silent_after),
             port,
             node,
             inputs,

@@ -7,7 +7,7 @@ use std::{
 
 use volcomp_port::{Fault, Reason};
 
-use super::telegrams::{NmtCommand, NodeState, Telegram, nmt, telegram};
+use super::telegrams::{NmtCommand, NodeState, RECEIVED_FUNCTIONS, Telegram, nmt, telegram};
 use crate::frame::{CanPort, Frame, MAX_FRAMES_PER_READ, Received};
 
 #[derive(Clone, Copy, Debug)]
@@ -29,8 +29,12 @@ pub(super) struct Nodes {
 }
 
 impl Nodes {
-    /// Monitors these nodes; `silent_after` is the maximum age of their heartbeat.
-    pub(super) fn new(nodes: impl Iterator<Item = u8>, silent_after: Duration) -> Self {
+    /// Monitors these nodes; `silent_after` is the maximum age of their heartbeat. The port is asked for their telegrams.
+    pub(super) fn new(
+        port: &mut impl CanPort,
+        nodes: impl Iterator<Item = u8>,
+        silent_after: Duration,
+    ) -> Self {
         let monitored = MonitoredNode {
             state: None,
             last_heartbeat: Instant::now(),
@@ -38,7 +42,10 @@ impl Nodes {
             started: None,
             was_interrupted: false,
         };
-        Self { monitored: nodes.map(|node| (node, monitored)).collect(), silent_after }
+        let monitored: BTreeMap<u8, _> = nodes.map(|node| (node, monitored)).collect();
+        let of_node = |node: &u8| RECEIVED_FUNCTIONS.map(|base| (base + u32::from(*node), false));
+        port.accept_only(&monitored.keys().flat_map(of_node).collect::<Vec<_>>());
+        Self { monitored, silent_after }
     }
 
     /// Processes the waiting frames without blocking. Calls `process_data` with node, PDO number, frame and arrival

@@ -95,6 +95,10 @@ pub enum SdoAnswer {
     },
 }
 
+/// Identifiers of the telegrams that are received cyclically, without the number of the node: emergency, process data 1
+/// to 4, heartbeat.
+pub(super) const RECEIVED_FUNCTIONS: [u32; 6] = [0x080, 0x180, 0x280, 0x380, 0x480, 0x700];
+
 /// Decodes a frame; `None` if the frame is malformed or not one of these telegrams.
 pub fn telegram(frame: &Frame) -> Option<Telegram> {
     if frame.extended || frame.fd {

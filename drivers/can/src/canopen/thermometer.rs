@@ -74,7 +74,7 @@ impl<P: CanPort> CanopenThermometer<P> {
     /// # Errors
     /// Invalid channels.
     pub fn new(
-        port: P,
+        mut port: P,
         channels: Vec<Channel>,
         silent_after: Duration,
     ) -> Result<Self, DeviceError> {
@@ -96,7 +96,7 @@ impl<P: CanPort> CanopenThermometer<P> {
             }
         }
         Ok(Self {
-            nodes: Nodes::new(channels.iter().map(|c| c.node), silent_after),
+            nodes: Nodes::new(&mut port, channels.iter().map(|c| c.node), silent_after),
             names: channels.iter().map(|c| c.name.clone()).collect(),
             latest: vec![Temperature::NOT_READ; channels.len()],
             channels,

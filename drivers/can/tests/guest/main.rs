@@ -234,6 +234,36 @@ fn queued_frames_keep_their_kernel_timestamps() {
     assert!(snapshot.state.emergency_stop, "no state received, so it counts as pressed");
 }
 
+/// The kernel sorts out the frames of other devices: more of them than the queue of a socket holds do not cost a frame
+/// that is used.
+#[test]
+fn frames_of_other_devices_take_no_place() {
+    let Some(_buses) = buses() else {
+        return;
+    };
+    let mut others = CanSocket::open("vcan0").unwrap();
+    let mut socket = CanSocket::open("vcan0").unwrap();
+    socket.accept_only(&[(0x123, false), (0x124, true)]);
+    let frame = |id, extended| Frame::new(id, extended, false, &[1]).unwrap();
+    let flood = |others: &mut CanSocket| {
+        for _ in 0..2000 {
+            for (id, extended) in [(0x122, false), (0x123, true), (0x124, false), (0x1123, true)] {
+                others.send(&frame(id, extended), soon()).unwrap();
+            }
+        }
+    };
+    flood(&mut others);
+    for used in [frame(0x123, false), frame(0x124, true)] {
+        others.send(&used, soon()).unwrap();
+    }
+    flood(&mut others);
+    assert_eq!(next_frame(&mut socket), frame(0x123, false));
+    assert_eq!(next_frame(&mut socket), frame(0x124, true));
+    assert_eq!(socket.receive(Instant::now()), Ok(None));
+    run("cansend", &["vcan0", "20000004#0000000000000000"]);
+    assert_eq!(socket.receive(soon()), Ok(Some(Received::Error)));
+}
+
 #[test]
 fn a_missing_interface_is_named() {
     let Some(_buses) = buses() else {

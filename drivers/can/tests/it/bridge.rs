@@ -46,6 +46,19 @@ impl Control {
     }
 }
 
+/// Frames of other devices on the bus are not asked for: at 4 of them in a millisecond they took the place of the own
+/// ones, and the link held on and off.
+#[test]
+fn only_the_used_messages_are_asked_for() {
+    let bus = Bus::default();
+    CanController::new(bus.clone(), &config(&[AxisName::X])).unwrap();
+    assert_eq!(bus.state().asked, [(256, false), (258, false)]);
+    CanController::new(bus.clone(), &config(&[AxisName::Z])).unwrap();
+    assert_eq!(bus.state().asked, [(257, false), (258, false)]);
+    CanThermometer::new(bus.clone(), &shipped(), &[]).unwrap();
+    assert_eq!(bus.state().asked, [(288, false)]);
+}
+
 /// Read-only axes follow the corrected ones; a bridge without corrected axes sends nothing.
 #[test]
 fn read_only_axes_are_read_and_nothing_is_sent() {

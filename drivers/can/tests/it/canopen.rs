@@ -15,6 +15,26 @@ fn frame(id: u32, data: &[u8]) -> Frame {
     Frame::new(id, false, false, data).unwrap()
 }
 
+/// Every telegram that a monitored node sends cyclically is asked for, and none of other nodes.
+#[test]
+fn only_telegrams_of_monitored_nodes_are_asked_for() {
+    let bus = Bus::default();
+    CanopenDigital::new(bus.clone(), 5, 8, 8, Duration::from_secs(1)).unwrap();
+    let asked = bus.state().asked.clone();
+    for id in 0..=0x7ff {
+        let data = [0x05, 0x10, 1, 0, 0, 0, 0, 0];
+        let is_used = match telegram(&frame(id, &data)) {
+            Some(
+                Telegram::Heartbeat { node, .. }
+                | Telegram::Emergency { node, .. }
+                | Telegram::Pdo { node, .. },
+            ) => node == 5,
+            _ => false,
+        };
+        assert_eq!(asked.contains(&(id, false)), is_used, "{id:x}");
+    }
+}
+
 #[test]
 fn telegrams_are_decoded() {
     let sdo = |data: &[u8]| match telegram(&frame(0x585, data)) {

@@ -33,6 +33,8 @@ pub(crate) struct BusState {
     pub(crate) incoming: VecDeque<Received>,
     pub(crate) sent: Vec<Frame>,
     pub(crate) down: bool,
+    /// Identifiers that were asked for; `true`: 29 bits.
+    pub(crate) asked: Vec<(u32, bool)>,
 }
 
 impl Bus {
@@ -52,6 +54,10 @@ impl Bus {
 impl CanPort for Bus {
     fn device(&self) -> &'static str {
         "can://memory"
+    }
+
+    fn accept_only(&mut self, ids: &[(u32, bool)]) {
+        self.state().asked = ids.to_vec();
     }
 
     fn receive(&mut self, deadline: Instant) -> Result<Option<Received>, Fault> {
