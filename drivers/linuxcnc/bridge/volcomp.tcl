@@ -25,6 +25,14 @@ proc setting {key default} {
     return $default
 }
 
+# A text as a number, empty where it is none. Tcl alone takes 0x10 as well, and 010 as 8.
+proc decimal {text} {
+    if {![regexp {^[+-]?([0-9]+[.]?[0-9]*|[.][0-9]+)([eE][+-]?[0-9]+)?$} $text]} {
+        return ""
+    }
+    return [scan $text %f]
+}
+
 # A number of a section; without a default it has to be there.
 proc number_of {section key default expected} {
     if {![has $section $key]} {
@@ -33,10 +41,9 @@ proc number_of {section key default expected} {
         }
         return $default
     }
-    set value [value_of $section $key]
-    # Tcl alone takes others: 0x10.
-    if {![regexp {^[+-]?([0-9]+[.]?[0-9]*|[.][0-9]+)([eE][+-]?[0-9]+)?$} $value] || abs($value) > 1e9} {
-        refuse "\[$section\]$key: found $value, expected $expected without further text"
+    set value [decimal [value_of $section $key]]
+    if {$value eq "" || abs($value) > 1e9} {
+        refuse "\[$section\]$key: found [value_of $section $key], expected $expected without further text"
     }
     return $value
 }
@@ -71,7 +78,7 @@ proc joints {} {
     set expected "the number of joints, 1 to 16"
     set joints [number_of KINS JOINTS "" $expected]
     if {$joints != int($joints) || $joints < 1 || $joints > 16} {
-        refuse "\[KINS\]JOINTS: found $joints, expected $expected without further text"
+        refuse "\[KINS\]JOINTS: found [value_of KINS JOINTS], expected $expected without further text"
     }
     return [expr {int($joints)}]
 }
@@ -81,7 +88,7 @@ proc period_s {} {
     set expected "the period of the servo thread in ns"
     set period [number_of EMCMOT SERVO_PERIOD 1000000 $expected]
     if {$period <= 0} {
-        refuse "\[EMCMOT\]SERVO_PERIOD: found $period, expected $expected"
+        refuse "\[EMCMOT\]SERVO_PERIOD: found [value_of EMCMOT SERVO_PERIOD], expected $expected"
     }
     return [expr {$period * 1e-9}]
 }
@@ -117,7 +124,8 @@ proc joint_limits {letters} {
                 if {[has JOINT_$joint $key]} {
                     set found [value_of JOINT_$joint $key]
                 }
-                if {![string is double -strict $found] || ![string is double -strict $limit] || ![expr "\$found $compare \$limit"]} {
+                set numbers [list [decimal $found] [decimal $limit]]
+                if {"" in $numbers || ![expr [join $numbers " $compare "]]} {
                     refuse "\[JOINT_$joint\]$key: found $found, expected at $word $limit, \[AXIS_$letter\]$key: where a joint stands beyond it, LinuxCNC takes an axis with an offset back in one cycle"
                 }
             }
@@ -150,7 +158,7 @@ proc read_pin {signal from to} {
 proc whole {key {default ""}} {
     set value [number_of VOLCOMP $key $default "a whole number"]
     if {$value != floor($value)} {
-        refuse "\[VOLCOMP\]$key: found $value, expected a whole number without further text"
+        refuse "\[VOLCOMP\]$key: found [value_of VOLCOMP $key], expected a whole number without further text"
     }
     return [expr {int($value)}]
 }
@@ -179,7 +187,7 @@ foreach letter $letters {
         refuse "\[VOLCOMP\]STEP_NM or STEP_UDEG: found $step, expected 1 or more"
     }
     if {$rate <= 0} {
-        refuse "\[VOLCOMP\]$key: found $rate, expected more than 0"
+        refuse "\[VOLCOMP\]$key: found [value_of VOLCOMP $key], expected more than 0"
     }
     set rate [expr {1000.0 * $rate * $period_s / $step}]
     lappend steps $step

@@ -59,6 +59,8 @@ LIMIT_UM = 30 | LIMIT_UM = 3_0 | [VOLCOMP]LIMIT_UM: found 3_0, expected a number
 LIMIT_UM = 30 | LIMIT_UM = 0x1e | [VOLCOMP]LIMIT_UM: found 0x1e, expected a number without further text
 MIN_LIMIT = -10\nMAX_LIMIT = 400\n[JOINT_2] | MIN_LIMIT = -10\nMAX_LIMIT = 401\n[JOINT_2] | [JOINT_1]MAX_LIMIT: found 401, expected at most 400, [AXIS_Y]MAX_LIMIT
 MIN_LIMIT = -10\nMAX_LIMIT = 400\n[JOINT_2] | MAX_LIMIT = 400\n[JOINT_2] | [JOINT_1]MIN_LIMIT: found none, expected at least -10, [AXIS_Y]MIN_LIMIT
+MIN_LIMIT = -10\nMAX_LIMIT = 400\n[JOINT_2] | MIN_LIMIT = -10\nMAX_LIMIT = 0x190\n[JOINT_2] | [JOINT_1]MAX_LIMIT: found 0x190, expected at most 400, [AXIS_Y]MAX_LIMIT
+MIN_LIMIT = -10\nMAX_LIMIT = 400\n[JOINT_2] | MIN_LIMIT = -012\nMAX_LIMIT = 400\n[JOINT_2] | [JOINT_1]MIN_LIMIT: found -012, expected at least -10, [AXIS_Y]MIN_LIMIT
 JOINTS = 3\nKINEMATICS = trivkins coordinates=XYZ | JOINTS = 4\nKINEMATICS = trivkins coordinates=xyyz kinstype=BOTH | [JOINT_2]MIN_LIMIT: found -300, expected at least -10, [AXIS_Y]MIN_LIMIT
 LIMIT_UM = 30 | LIMIT_UM = nan | [VOLCOMP]LIMIT_UM: found nan, expected a number without further text
 ";
@@ -118,6 +120,26 @@ fn a_connected_pin_keeps_its_signal() {
     let output = bridge.arg(&file).env("CONNECTED", "axis.x.eoffset").output().unwrap();
     let nets = String::from_utf8(output.stdout).unwrap();
     assert!(nets.contains("net own => volcomp.eoffset-0\n"), "{nets}");
+}
+
+/// A zero in front changes no number: for Tcl 030 alone would be 24, and 08 none.
+#[test]
+fn numbers_are_decimal() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("mill.ini");
+    let Some(mut bridge) = bridge() else { return };
+    bridge.arg(&file);
+    let mut orders = |ini: &str| {
+        std::fs::write(&file, ini).unwrap();
+        let output = bridge.output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        String::from_utf8(output.stdout).unwrap()
+    };
+    let zeros = mill()
+        .replace("LIMIT_UM = 30\n", "LIMIT_UM = 030\n")
+        .replace("MACHINE = 1\n", "MACHINE = 01\nHOLD_MS = 0100\nPORT = 047001\n");
+    assert_ne!(zeros, mill());
+    assert_eq!(orders(&zeros), orders(&mill()));
 }
 
 /// For each program: its name, whether it accepts the file, and its messages.

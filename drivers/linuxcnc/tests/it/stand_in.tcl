@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: GPL-2.0-or-later
 # The HAL part of the bridge without LinuxCNC: arguments are that file and the INI file. It reads the INI file into arrays as
-# LinuxCNC's haltcl does, and commands of HAL do nothing. It sources a file of the bridge, and is under their licence.
+# LinuxCNC's haltcl does; commands of HAL do nothing, and that which loads the component is printed. It sources a file of the bridge, and is under their licence.
 
 proc unknown {args} {}
+
+proc loadrt {args} {
+    puts "loadrt $args"
+}
 
 # A pin that an earlier file has connected to the signal `own`; what the bridge's file connects is printed.
 if {[info exists ::env(CONNECTED)]} {
