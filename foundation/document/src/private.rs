@@ -7,7 +7,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use crate::read::bytes_of;
+use crate::read;
 
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -39,10 +39,10 @@ pub fn is_open_to_others(mode: u32) -> bool {
 /// service.
 ///
 /// # Errors
-/// The file cannot be opened, or other users may read it.
+/// The file cannot be opened, is a named pipe, or other users may read it.
 pub fn open(path: &Path) -> Result<File, PrivateError> {
     let failed = |source| PrivateError::Read { file: path.to_owned(), source };
-    let file = File::open(path).map_err(failed)?;
+    let file = read::open(path).map_err(failed)?;
     let mode = mode(&file.metadata().map_err(failed)?);
     // The service manager keeps its credentials folder private, and the modes of the files in it may only reflect an
     // access list.
@@ -72,7 +72,7 @@ fn mode(_: &Metadata) -> u32 {
 /// The file cannot be read, is not text, is longer than [`MAX_TEXT_BYTES`](crate::MAX_TEXT_BYTES), or other users may read it.
 pub fn read(path: &Path) -> Result<String, PrivateError> {
     let file = open(path)?;
-    let text = bytes_of(file).and_then(|bytes| {
+    let text = read::bytes_of(file).and_then(|bytes| {
         let wrong = |error| io::Error::new(io::ErrorKind::InvalidData, error);
         String::from_utf8(bytes).map_err(wrong)
     });

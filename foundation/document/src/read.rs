@@ -50,10 +50,10 @@ impl Document {
     }
 }
 
-/// Reads a file or a pipe as text.
+/// Reads a file or an unnamed pipe as text.
 ///
 /// # Errors
-/// [`ReadError`]: the file cannot be read, is not UTF-8, or is longer than [`MAX_TEXT_BYTES`].
+/// [`ReadError`]: the file cannot be read, is a named pipe, is not UTF-8, or is longer than [`MAX_TEXT_BYTES`].
 pub fn read_text(path: &Path) -> Result<String, ReadError> {
     let text = text_of(path, MAX_TEXT_BYTES + 1)?;
     if text.len() as u64 > MAX_TEXT_BYTES {
@@ -62,12 +62,26 @@ pub fn read_text(path: &Path) -> Result<String, ReadError> {
     Ok(text)
 }
 
-/// Reads a file or a pipe.
+/// Reads a file or an unnamed pipe.
 ///
 /// # Errors
-/// It cannot be read, or is longer than [`MAX_TEXT_BYTES`].
+/// It cannot be read, is a named pipe, or is longer than [`MAX_TEXT_BYTES`].
 pub fn read_bytes(path: &Path) -> io::Result<Vec<u8>> {
-    bytes_of(File::open(path)?)
+    bytes_of(open(path)?)
+}
+
+/// Opens a file or an unnamed pipe. Opening a named pipe without a writer would never return.
+pub(crate) fn open(path: &Path) -> io::Result<File> {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::FileTypeExt;
+        // `/dev/stdin` and a process substitution of the shell are links, whose pipes are open already.
+        if path.symlink_metadata()?.file_type().is_fifo() {
+            let found = "found a named pipe, expected a file";
+            return Err(io::Error::new(io::ErrorKind::InvalidInput, found));
+        }
+    }
+    File::open(path)
 }
 
 pub(crate) fn bytes_of(file: File) -> io::Result<Vec<u8>> {
@@ -88,8 +102,8 @@ fn up_to(file: File, most: u64) -> io::Result<Vec<u8>> {
 
 fn text_of(path: &Path, most: u64) -> Result<String, ReadError> {
     let file = path.display().to_string();
-    let bytes = File::open(path)
-        .and_then(|open| up_to(open, most))
+    let bytes = open(path)
+        .and_then(|file| up_to(file, most))
         .map_err(|source| ReadError::System { file: file.clone(), source })?;
     let is_cut = bytes.len() as u64 == most;
     String::from_utf8(bytes).or_else(|error| match error.utf8_error() {

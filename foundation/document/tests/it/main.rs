@@ -104,6 +104,19 @@ fn files_that_cannot_be_read_are_told_apart() {
         assert!(matches!(error, ReadError::System { .. }), "{error}");
         assert!(error.to_string().starts_with(&path.display().to_string()));
     }
+    #[cfg(unix)]
+    {
+        // Without a writer, opening it would never return.
+        let pipe = folder.path().join("pipe.toml");
+        let made = std::process::Command::new("mkfifo").args(["-m", "600"]).arg(&pipe).status();
+        assert!(made.unwrap().success());
+        let expected =
+            format!("{}: cannot be read: found a named pipe, expected a file", pipe.display());
+        assert_eq!(Document::read(&pipe).expect_err("a pipe").to_string(), expected);
+        let secret = volcomp_document::private::read(&pipe).expect_err("a pipe").to_string();
+        assert!(secret.contains("found a named pipe"), "{secret}");
+        assert!(volcomp_document::read_bytes(&pipe).is_err());
+    }
     // A file far above the size limit would exhaust the memory of the reader.
     let large = folder.path().join("large.toml");
     for unit in ["[", "ä", "#"] {
