@@ -1,6 +1,7 @@
 //! The `volcomp-gateway` command: corrects a machine tool in real time.
 
 use std::{
+    io::Write as _,
     path::{Path, PathBuf},
     process::ExitCode,
 };
@@ -239,10 +240,12 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             let failure = error.failure();
-            match serde_json::to_string(&failure) {
-                Ok(text) if json => eprintln!("{text}"),
-                _ => eprintln!("error: {error}"),
-            }
+            let text = match serde_json::to_string(&failure) {
+                Ok(text) if json => text,
+                _ => format!("error: {error}"),
+            };
+            // `eprintln!` would panic if standard error cannot be written, and the status would be lost.
+            let _ = writeln!(std::io::stderr(), "{text}");
             ExitCode::from(failure.status)
         }
     }
@@ -352,7 +355,12 @@ fn log(form: LogForm) {
     let targets = filter::Targets::new()
         .with_default(filter::LevelFilter::INFO)
         .with_target("opcua", filter::LevelFilter::OFF);
-    let lines = tracing_subscriber::fmt::layer().with_writer(std::io::stderr).with_target(false);
+    // The library would report a line that cannot be written with `eprintln!`, which then panics: the disk of a log
+    // file may be full, and the reader of a pipe may end.
+    let lines = tracing_subscriber::fmt::layer()
+        .with_writer(std::io::stderr)
+        .with_target(false)
+        .log_internal_errors(false);
     let lines = match form {
         LogForm::Text => {
             lines.with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr())).boxed()

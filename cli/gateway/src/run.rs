@@ -184,7 +184,8 @@ pub fn exit_when_interrupted() -> Result<(), GatewayError> {
     let mut signals = Signals::new([SIGTERM, SIGINT]).map_err(failed)?;
     let wait = move || {
         if signals.forever().next().is_some() {
-            eprintln!("interrupted");
+            // `eprintln!` would panic if standard error cannot be written, and the program would not end.
+            let _ = writeln!(std::io::stderr(), "interrupted");
             std::process::exit(130);
         }
     };

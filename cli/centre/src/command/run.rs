@@ -36,8 +36,11 @@ use crate::{
 };
 
 pub(super) fn run(config: &Config, log: LogForm) -> Result<(), Error> {
-    let lines =
-        fmt::layer().with_writer(std::io::stderr).with_ansi(std::io::stderr().is_terminal());
+    // The library would report a line that cannot be written with `eprintln!`, which then panics.
+    let lines = fmt::layer()
+        .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal())
+        .log_internal_errors(false);
     // The NATS client logs every connection attempt; the engine already logs once that the server cannot be reached.
     let reported =
         Targets::new().with_default(LevelFilter::INFO).with_target("async_nats", LevelFilter::OFF);
