@@ -6,7 +6,7 @@
 use std::{
     fs::{self, File, OpenOptions},
     io::{self, Read, Seek, SeekFrom, Write},
-    os::unix::fs::MetadataExt as _,
+    os::unix::fs::{FileTypeExt as _, MetadataExt as _},
     path::{Path, PathBuf},
 };
 
@@ -36,6 +36,18 @@ pub fn log_files(dir: &Path) -> Vec<PathBuf> {
     let old = (1..=KEPT).rev().map(|n| dir.join(format!("audit.{n}.log")));
     let all = old.chain([log_file(dir)]);
     all.filter(|path| path.is_file()).collect()
+}
+
+/// Rejects a folder with a named pipe: reading or writing it could wait without end.
+fn refuse_pipes(dir: &Path) -> io::Result<()> {
+    for entry in fs::read_dir(dir)? {
+        let entry = entry?;
+        if entry.file_type()?.is_fifo() {
+            let found = format!("{}: found a named pipe, expected a file", entry.path().display());
+            return Err(io::Error::new(io::ErrorKind::InvalidInput, found));
+        }
+    }
+    Ok(())
 }
 
 /// Maximum number of records that [`last_records`] returns.
@@ -130,9 +142,10 @@ impl AuditLog {
     ///
     /// # Errors
     ///
-    /// The folder or file cannot be written.
+    /// The folder or file cannot be written, or the folder contains a named pipe.
     pub fn open(dir: &Path) -> io::Result<(Self, LogState)> {
         fs::create_dir_all(dir)?;
+        refuse_pipes(dir)?;
         let path = log_file(dir);
         let mut file = OpenOptions::new().read(true).append(true).create(true).open(&path)?;
         let mut bytes = Vec::new();

@@ -119,8 +119,8 @@ impl Machine {
         }));
         let has_panicked = turned.is_err();
         let has_ended = turned.unwrap_or_else(|_| {
-            tracing::error!("fault of the program in the service: the correction ramps to zero");
             switch.end();
+            tracing::error!("fault of the program in the service: the correction ramps to zero");
             catch_unwind(AssertUnwindSafe(|| service.abandon(&mut hurry))).unwrap_or(false)
         });
         if !has_ended {
@@ -172,10 +172,10 @@ fn start(
     let locks = lock(&plan.config)?;
     let audit = open_audit(&plan.config)?;
     let mut opened = plan.open()?;
-    restore_output(&mut opened);
     if !slot.launch() {
         return Ok(None);
     }
+    restore_output(&mut opened);
     let (audit, found) = audit;
     let mut assembled = assemble(machine, opened, audit, slot.life(), |cycle, realtime| {
         let (handle, lacking) = start_thread(cycle, realtime)?;
@@ -249,11 +249,13 @@ impl MachineParts {
 }
 
 /// Initializes the cycle with the last stored output. Without a stored output the output is unknown, not zero: the
-/// device must report it, or an operator must check the machine.
+/// device must report it, or an operator must check the machine. A stored output is used once, because this run may send
+/// others and fail to store them, for example on a full disk.
 pub fn restore_output(opened: &mut OpenedPlan) {
     let unknown = || (PerAxis::from_fn(|_| f64::NAN), Duration::ZERO);
     let file = opened.config.audit_dir().join("output.json");
     let remembered = last_output(&file, &opened.model, &opened.controllers);
+    let remembered = remembered.filter(|_| std::fs::remove_file(&file).is_ok());
     let (output, age) = remembered.unwrap_or_else(unknown);
     opened.cycle.restore(&output, age);
 }

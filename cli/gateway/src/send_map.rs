@@ -344,7 +344,10 @@ impl Sending {
                 if self.in_use != Some(number) {
                     self.in_use = Some(number);
                     self.record("the map is in use");
-                    crate::print(&format!("map {number} is in use\n"))?;
+                    // A full disk behind standard output must not end the sending.
+                    if let Err(error) = crate::print(&format!("map {number} is in use\n")) {
+                        tracing::warn!("{error}");
+                    }
                 }
                 self.last_warning.clear();
                 Ok(self.place.period)

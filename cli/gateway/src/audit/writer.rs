@@ -308,9 +308,7 @@ impl Slots {
     /// then renamed.
     fn take_room(&self, text: &str) -> io::Result<Open> {
         let kept = fs::read(&self.path).unwrap_or_default();
-        let whole = kept.len() as u64 == SLOTS * SLOT as u64;
-        let kept = String::from_utf8_lossy(&kept);
-        let count = latest(&kept).filter(|_| whole).map(|(count, _)| count);
+        let count = latest(&kept).map(|(count, _)| count);
         if count.is_none() {
             let [none, first] = [slot(0, text)?, slot(1, text)?];
             replace_file(&self.path, &(none + &first))?;
@@ -335,12 +333,17 @@ fn checksum(content: &str) -> String {
     volcomp_model::hexadecimal(&Sha256::digest(content.as_bytes()))
 }
 
-/// The intact text with the largest counter, and its counter; `None` if no slot is intact.
-pub(crate) fn latest(file: &str) -> Option<(u64, &str)> {
+/// The intact text with the largest counter, and its counter; `None` if no slot is intact, or if the file has another
+/// size: the slot that is missing may be the newer one.
+pub(crate) fn latest(file: &[u8]) -> Option<(u64, String)> {
+    if file.len() as u64 != SLOTS * SLOT as u64 {
+        return None;
+    }
+    let file = String::from_utf8_lossy(file);
     let whole = file.lines().filter_map(|line| {
         let (sum, content) = line.trim_end().split_once(' ')?;
         let (count, text) = content.split_once(' ')?;
-        (checksum(content) == sum).then_some((count.parse().ok()?, text))
+        (checksum(content) == sum).then_some((count.parse().ok()?, text.to_owned()))
     });
     whole.max_by_key(|(count, _)| *count)
 }
@@ -353,8 +356,7 @@ mod tests {
 
     fn read(path: &std::path::Path) -> Option<String> {
         let bytes = fs::read(path).expect("there");
-        let text = String::from_utf8_lossy(&bytes);
-        latest(&text).map(|(_, text)| text.to_owned())
+        latest(&bytes).map(|(_, text)| text)
     }
 
     #[test]
@@ -401,6 +403,23 @@ mod tests {
                 }
             }
             assert!(news > 0);
+        }
+    }
+
+    /// One of the two slots may be the older text, such as the one before an operator disarmed.
+    #[test]
+    fn a_file_with_one_slot_is_not_believed() {
+        let dir = tempfile::tempdir().expect("writable");
+        let path = dir.path().join("standing.slots");
+        let mut slots = Slots::new(path.clone());
+        for text in ["[1]", "[2]", "[3]"] {
+            slots.keep(text).expect("writable");
+            let whole = fs::read(&path).expect("there");
+            for kept in [&whole[..SLOT], &whole[SLOT..]] {
+                fs::write(&path, kept).expect("writable");
+                assert_eq!(read(&path), None, "{text}");
+            }
+            fs::write(&path, whole).expect("writable");
         }
     }
 

@@ -30,11 +30,11 @@ pub(crate) fn read(dir: &Path) -> Standing {
         tracing::error!("{}: {error}: auto-arm is off", path.display());
         Standing { disarmed_by: Some(UNKNOWN_REQUESTER.to_owned()), ..Standing::default() }
     };
-    let standing = match std::fs::read(&path)
-        .map(|bytes| String::from_utf8_lossy(&bytes).into_owned())
-    {
-        Ok(text) => match writer::latest(&text) {
-            Some((_, text)) => serde_json::from_str(text).unwrap_or_else(|e| unread(e.to_string())),
+    let standing = match std::fs::read(&path) {
+        Ok(bytes) => match writer::latest(&bytes) {
+            Some((_, text)) => {
+                serde_json::from_str(&text).unwrap_or_else(|e| unread(e.to_string()))
+            }
             None => unread("no whole record".to_owned()),
         },
         Err(e) if e.kind() == std::io::ErrorKind::NotFound && !has_records(dir) => {

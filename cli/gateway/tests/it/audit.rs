@@ -40,6 +40,18 @@ fn details(what: &str) -> Details {
     }
 }
 
+/// Reading a pipe without a writer would never return, so the gateway would neither start nor report a reason.
+#[test]
+fn a_pipe_in_the_folder_is_refused() {
+    for name in ["audit.log", "standing.slots", "output.json"] {
+        let dir = tempfile::tempdir().expect("writable");
+        let made = std::process::Command::new("mkfifo").arg(dir.path().join(name)).status();
+        assert!(made.expect("of the system").success());
+        let refused = AuditLog::open(dir.path()).err().expect("a pipe").to_string();
+        assert!(refused.contains(name) && refused.contains("named pipe"), "{refused}");
+    }
+}
+
 #[test]
 fn the_chain_goes_on_from_file_to_file_and_the_oldest_goes() {
     let dir = tempfile::tempdir().expect("writable");

@@ -21,6 +21,7 @@ use volcomp_vocabulary::PerChannel;
 use crate::{
     manual::{self, Gateway, configuration, control, controlled_configuration, no_step},
     program::{PATIENCE, Program, change, path},
+    standing::SmallDisk,
 };
 
 /// The gateway is killed at several moments of the ramp and of compensating, and started again. No output changes by
@@ -78,6 +79,25 @@ fn the_simulation_lives_and_the_service_manager_is_notified() {
     assert_eq!(program.end(), Some(0));
 }
 
+/// The log goes to a full disk, or to a pipe whose reader has ended. The gateway corrects all the same, and ramps out at
+/// its end.
+#[test]
+fn a_log_that_cannot_be_written_ends_nothing() {
+    for log in ["2>/dev/full", "2> >(true)"] {
+        let dir = tempfile::tempdir().expect("writable");
+        let mut shell = Command::new("bash");
+        let program = env!("CARGO_BIN_EXE_volcomp-gateway");
+        shell.args(["-c", &format!("exec \"$0\" \"$@\" {log}"), program]);
+        let mut program = Program::simulated(shell, dir.path());
+        program.wait_for("compensating");
+        program.signal("TERM");
+        assert_eq!(program.end(), Some(0), "{log}");
+        let audit = std::fs::read_to_string(dir.path().join("audit/audit.log")).expect("written");
+        let last = audit.lines().last().expect("a record");
+        assert!(last.contains("\"stopped\"") && last.contains("disarmed"), "{log}: {last}");
+    }
+}
+
 /// The reason why a gateway with its dashboard at `listen` does not start.
 fn does_not_start(config: PathBuf, listen: &str) -> String {
     let listen = listen.parse().expect("an address");
@@ -96,6 +116,31 @@ fn a_port_that_is_taken_ends_it_with_status_1() {
     let config = configuration(dir.path(), "auto_arm = true");
     let why = does_not_start(config, &address);
     assert!(why.contains(&format!("dashboard {address}")) && why.contains("--listen"), "{why}");
+}
+
+/// The disk of the audit log has become read-only, with and without a log of an earlier run. The gateway does not start,
+/// because neither its records nor an operator's disarm could be kept.
+#[test]
+fn a_read_only_audit_folder_is_refused() {
+    let dir = tempfile::tempdir().expect("writable");
+    let Some(disk) = SmallDisk::at(dir.path().join("audit")) else {
+        return;
+    };
+    let config = manual::configuration(dir.path(), "auto_arm = true");
+    let remount = |option: &str| {
+        let options = format!("remount,{option}");
+        let mount = Command::new("mount").args(["-o", &options, path(&disk.0)]).status();
+        assert!(mount.expect("of the system").success());
+    };
+    for _ in 0..2 {
+        remount("ro");
+        let why = manual::machine(&config).plan().err().expect("read-only").to_string();
+        assert!(why.contains("/audit\" cannot be used: Read-only file system"), "{why}");
+        remount("rw");
+        let mut gateway = Gateway::start(&config);
+        gateway.wait_for("compensating");
+        gateway.stop();
+    }
 }
 
 /// On one computer the lock of the control refuses a second gateway, for any spelling of the control's address, and so

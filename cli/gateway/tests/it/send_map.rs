@@ -272,6 +272,18 @@ fn a_control_keeps_the_map_of_its_sender_until_its_end() {
 
     sender.stop();
     assert!(control.x_um().abs() < 0.5);
+
+    // A full disk behind the output of the sender does not end the sending.
+    write_map(rig.dir.path(), 80.0, 12);
+    let full = || std::fs::File::options().write(true).open("/dev/full").expect("of the system");
+    let mut command = command(&rig.file, &["--confirm", &hash(&rig.file)]);
+    let mut running = Running::start(command.stdout(full()).stderr(full()));
+    control.reaches(40.0);
+    assert_eq!(running.ended(Duration::from_secs(4)), None);
+    assert!((control.x_um() - 40.0).abs() <= 1.0);
+    running.kill();
+    control.reaches(0.0);
+
     // The audit log has every step from the start to the end.
     let files = std::fs::read_dir(rig.dir.path().join("audit")).expect("a folder");
     let texts = files.map(|file| std::fs::read(file.expect("listed").path()).unwrap_or_default());
