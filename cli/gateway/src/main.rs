@@ -8,6 +8,7 @@ use std::{
 
 use clap::{CommandFactory, Parser, Subcommand, ValueEnum};
 use clap_complete::Shell;
+use tracing_appender::non_blocking::{NonBlockingBuilder, WorkerGuard};
 #[cfg(feature = "shdr")]
 use volcomp_gateway::interop::shdr;
 use volcomp_gateway::{
@@ -254,7 +255,7 @@ fn main() -> ExitCode {
 fn act(arguments: Arguments) -> Result<(), GatewayError> {
     match arguments.command {
         None => {
-            log(arguments.run.log);
+            let _log = log(arguments.run.log);
             // Without a configuration the gateway runs the built-in simulation.
             run::run(&arguments.run.options)
         }
@@ -310,7 +311,7 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
                     "the running sender has the request: its output states when the map is in use, its log why not\n",
                 );
             }
-            log(form);
+            let _log = log(form);
             send_map::run(&checked)
         }
         Some(Command::Schema { folder }) => write_schemas(&folder)
@@ -346,7 +347,12 @@ fn columns() -> usize {
         .unwrap_or(rehearse::COLUMNS)
 }
 
-fn log(form: LogForm) {
+/// Further lines are dropped. Room for all is taken at the start.
+const MAX_WAITING_LINES: usize = 1000;
+
+/// Starts the log. A thread of its own writes the lines, because standard error may be a full disk, a pipe that nobody
+/// reads or a stopped terminal. Dropping the guard waits for the last lines, for a second at most.
+fn log(form: LogForm) -> WorkerGuard {
     use tracing_subscriber::{
         Layer as _, filter, layer::SubscriberExt as _, util::SubscriberInitExt as _,
     };
@@ -355,12 +361,10 @@ fn log(form: LogForm) {
     let targets = filter::Targets::new()
         .with_default(filter::LevelFilter::INFO)
         .with_target("opcua", filter::LevelFilter::OFF);
-    // The library would report a line that cannot be written with `eprintln!`, which then panics: the disk of a log
-    // file may be full, and the reader of a pipe may end.
-    let lines = tracing_subscriber::fmt::layer()
-        .with_writer(std::io::stderr)
-        .with_target(false)
-        .log_internal_errors(false);
+    let (stderr, guard) = NonBlockingBuilder::default()
+        .buffered_lines_limit(MAX_WAITING_LINES)
+        .finish(std::io::stderr());
+    let lines = tracing_subscriber::fmt::layer().with_writer(stderr).with_target(false);
     let lines = match form {
         LogForm::Text => {
             lines.with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr())).boxed()
@@ -368,6 +372,7 @@ fn log(form: LogForm) {
         LogForm::Json => lines.json().flatten_event(true).boxed(),
     };
     tracing_subscriber::registry().with(lines.with_filter(targets)).init();
+    guard
 }
 
 #[cfg(test)]

@@ -79,15 +79,16 @@ fn the_simulation_lives_and_the_service_manager_is_notified() {
     assert_eq!(program.end(), Some(0));
 }
 
-/// The log goes to a full disk, or to a pipe whose reader has ended. The gateway corrects all the same, and ramps out at
-/// its end.
+/// The log goes to a full disk, to a pipe whose reader has ended, or to a full pipe that nobody reads. The gateway
+/// corrects all the same, and ramps out at its end.
 #[test]
 fn a_log_that_cannot_be_written_ends_nothing() {
-    for log in ["2>/dev/full", "2> >(true)"] {
+    let full = "2> >(exec tail --pid=$$ -f /dev/null); timeout 2 head -c 65536 /dev/zero >&2";
+    for log in ["2>/dev/full", "2> >(true)", full] {
         let dir = tempfile::tempdir().expect("writable");
         let mut shell = Command::new("bash");
         let program = env!("CARGO_BIN_EXE_volcomp-gateway");
-        shell.args(["-c", &format!("exec \"$0\" \"$@\" {log}"), program]);
+        shell.args(["-c", &format!("exec {log}; exec \"$0\" \"$@\""), program]);
         let mut program = Program::simulated(shell, dir.path());
         program.wait_for("compensating");
         program.signal("TERM");
