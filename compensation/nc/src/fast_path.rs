@@ -293,6 +293,7 @@ impl Interpreter {
             shifted: _,
             shift_is_local: _,
             shift_is_said: _,
+            has_set_shift: _,
             length_is_said: _,
             system_is_said: _,
             tool_offset: _,

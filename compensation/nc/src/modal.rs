@@ -144,7 +144,11 @@ pub(crate) struct Modal {
     pub(crate) shifted: bool,
     /// The shift was set by G52, not by G92.
     pub(crate) shift_is_local: bool,
-    pub(crate) shift_is_said: bool,
+    /// Axes whose shift the program has stated by G52 or G92.1. Before, an earlier program may have left one in the control, which G92
+    /// does not state: it is relative to that shift.
+    pub(crate) shift_is_said: Axes<bool>,
+    /// The program has set or ended a shift, so that G92.3 brings back its own.
+    pub(crate) has_set_shift: bool,
     /// The program has stated a tool length, or that there is none. Before, an earlier program may have left one in the control.
     pub(crate) length_is_said: bool,
     /// The program has stated the work offset.
@@ -204,7 +208,8 @@ impl Default for Modal {
             shift: [0.0; 9],
             shifted: false,
             shift_is_local: false,
-            shift_is_said: false,
+            shift_is_said: [false; 9],
+            has_set_shift: false,
             length_is_said: false,
             system_is_said: false,
             tool_offset: [0.0; 9],

@@ -140,7 +140,7 @@ impl Interpreter {
         !matches!(self.control, Some(Control::LinuxCnc | Control::Grbl))
     }
 
-    /// Marks the axes whose tool length G43 or G49 has changed from `before`, unless the control is LinuxCNC: FANUC controls may move an axis by
+    /// Marks the axes whose tool length G43 or G49 has changed from `before`, unless the control is LinuxCNC or Grbl: FANUC controls may move an axis by
     /// the length even if the block does not name it (parameter 5006#6).
     pub(crate) fn forget_lengthened(&mut self, before: (Axes, u32)) {
         let (offset, tool) = before;
@@ -211,21 +211,22 @@ impl Interpreter {
             }
             Some(921) => {
                 self.check_end_of_shift(given)?;
-                if !self.modal.shift_is_said {
-                    self.forget_named(0..9);
-                }
+                self.forget_unsaid_shifts(|_| true);
                 (self.modal.shift, self.modal.shifted) = ([0.0; 9], false);
-                self.modal.shift_is_said = true;
+                // With axes named, some controls end the shifts of those alone.
+                let ends = |axis: usize| {
+                    !self.has_two_shifts() || !given.names_axes() || given.word(axis).is_some()
+                };
+                let ended: Axes<bool> = each(ends);
+                self.say_shifts(&ended);
                 self.assumptions.shift_is_zero();
             }
             Some(922) => {
-                if !self.modal.shift_is_said {
-                    self.forget_named(0..9);
-                }
+                self.forget_unsaid_shifts(|_| true);
                 self.modal.shifted = false;
             }
             Some(923) => {
-                if !self.modal.shift_is_said {
+                if !self.modal.has_set_shift {
                     return Err(given.refused("G92.3 before any G92, G52 or G92.1, which brings back what an earlier program has left in the control: write G92 or G92.1 before"));
                 }
                 self.modal.shifted = true;
@@ -256,17 +257,33 @@ impl Interpreter {
             }));
         }
         self.modal.shift_is_local = local;
-        if local && !self.modal.shift_is_said {
-            for axis in (0..9).filter(|axis| given.word(*axis).is_some()) {
-                self.forget_named(axis..axis + 1);
-            }
+        if local {
+            let named: Axes<bool> = each(|axis| given.word(axis).is_some());
+            self.forget_unsaid_shifts(|axis| named[axis]);
+            self.say_shifts(&named);
         }
         if !self.modal.shifted {
             self.modal.shift = [0.0; 9];
             self.assumptions.shift_is_zero();
         }
-        (self.modal.shifted, self.modal.shift_is_said) = (true, true);
+        (self.modal.shifted, self.modal.has_set_shift) = (true, true);
         Ok(())
+    }
+
+    /// Forgets the positions of those axes whose shift the program has not stated and now ends or replaces.
+    fn forget_unsaid_shifts(&mut self, ends: impl Fn(usize) -> bool) {
+        for axis in (0..9).filter(|axis| ends(*axis)) {
+            if !self.modal.shift_is_said[axis] {
+                self.forget_named(axis..axis + 1);
+            }
+        }
+    }
+
+    fn say_shifts(&mut self, axes: &Axes<bool>) {
+        for (is_said, says) in self.modal.shift_is_said.iter_mut().zip(axes) {
+            *is_said |= says;
+        }
+        self.modal.has_set_shift = true;
     }
 
     /// True if the control adds the shifts of G52 and G92, and G92.1 cancels those of the named axes only.
@@ -643,7 +660,8 @@ impl Interpreter {
     fn tool_command(&mut self, command: &Command, given: &BlockWords<'_>) -> Result<(), NcError> {
         if matches!(command, Command::ChangeTool | Command::NamedTool | Command::CallsTool { .. }) {
             self.forget_positions();
-            self.modal.length_is_said = true;
+            // A tool that is named alone is preselected, and its length is not active.
+            self.modal.length_is_said |= !matches!(command, Command::NamedTool);
         }
         match command {
             Command::ChangeTool => {

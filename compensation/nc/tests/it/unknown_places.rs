@@ -55,6 +55,9 @@ fn no_word_is_added_at_an_assumed_position() {
         "G0 X0 Y0 Z50\nG92.1\n",
         "G0 X0 Y0 Z50\nG92.2\n",
         "G0 X0 Y0 Z50\nG52 Z0\n",
+        "G0 X0 Y0 Z50\nG52 X0\nG52 Z0\n",
+        "G0 X0 Y0 Z50\nG92 X0\nG92.1\n",
+        "G0 X0 Y0 Z50\nG92 Z0\nG92.1\n",
         "G0 X0 Y0 Z50\nG10 L2 P1 Z-310\n",
         "G0 X0 Y0 Z50\nG53 G0 Z0\nG92 Z0\nG92.1\n",
     ] {
@@ -154,6 +157,7 @@ fn other_languages_have_unknown_positions_too() {
     // A length or work offset that an earlier program has left in the control.
     for program in [
         "G0 X0 Y0 Z50\nD0\nG0 X400\n",
+        "T=\"MILL\"\nG0 X0 Y0 Z50\nD0\nG0 X400\n",
         "G0 X0 Y0 Z50\nG500\nG0 X400\n",
         "G0 X0 Y0 Z50\nG54\nG0 X400\n",
     ] {
