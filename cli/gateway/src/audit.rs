@@ -6,12 +6,13 @@
 use std::{
     fs::{self, File, OpenOptions},
     io::{self, Read, Seek, SeekFrom, Write},
-    os::unix::fs::{FileTypeExt as _, MetadataExt as _},
+    os::unix::fs::MetadataExt as _,
     path::{Path, PathBuf},
 };
 
 use sha2::{Digest, Sha256};
 use time::OffsetDateTime;
+use volcomp_document::refuse_named_pipe;
 use volcomp_runtime::monotonic;
 
 pub mod writer;
@@ -41,11 +42,10 @@ pub fn log_files(dir: &Path) -> Vec<PathBuf> {
 /// Rejects a folder with a named pipe: reading or writing it could wait without end.
 fn refuse_pipes(dir: &Path) -> io::Result<()> {
     for entry in fs::read_dir(dir)? {
-        let entry = entry?;
-        if entry.file_type()?.is_fifo() {
-            let found = format!("{}: found a named pipe, expected a file", entry.path().display());
-            return Err(io::Error::new(io::ErrorKind::InvalidInput, found));
-        }
+        let path = entry?.path();
+        refuse_named_pipe(&path).map_err(|error| {
+            io::Error::new(error.kind(), format!("{}: {error}", path.display()))
+        })?;
     }
     Ok(())
 }
@@ -282,6 +282,10 @@ fn is_at(file: &File, path: &Path) -> bool {
 
 pub(crate) fn standing_file(dir: &Path) -> PathBuf {
     dir.join("standing.slots")
+}
+
+pub(crate) fn output_file(dir: &Path) -> PathBuf {
+    dir.join("output.json")
 }
 
 /// Creates a folder again that was removed while a file in it was open. If the folder above is on another file system

@@ -24,7 +24,7 @@ use volcomp_runtime::{
 use volcomp_vocabulary::{MAX_AXES, PerAxis};
 
 use crate::{
-    audit::{AuditLog, LogState, boot_id},
+    audit::{AuditLog, LogState, boot_id, output_file},
     config::Config,
     documents::{Broken, LastOutput, Status},
     error::{Failure, GatewayError},
@@ -249,13 +249,11 @@ impl MachineParts {
 }
 
 /// Initializes the cycle with the last stored output. Without a stored output the output is unknown, not zero: the
-/// device must report it, or an operator must check the machine. A stored output is used once, because this run may send
-/// others and fail to store them, for example on a full disk.
+/// device must report it, or an operator must check the machine.
 pub fn restore_output(opened: &mut OpenedPlan) {
     let unknown = || (PerAxis::from_fn(|_| f64::NAN), Duration::ZERO);
-    let file = opened.config.audit_dir().join("output.json");
+    let file = output_file(opened.config.audit_dir());
     let remembered = last_output(&file, &opened.model, &opened.controllers);
-    let remembered = remembered.filter(|_| std::fs::remove_file(&file).is_ok());
     let (output, age) = remembered.unwrap_or_else(unknown);
     opened.cycle.restore(&output, age);
 }

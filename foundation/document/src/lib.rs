@@ -13,7 +13,7 @@ pub use csv_file::{
 };
 pub use error::{InputError, LARGEST_NUMBER, nearest, quoted};
 pub use private::PrivateError;
-pub use read::{MAX_TEXT_BYTES, ReadError, read_bytes, read_text};
+pub use read::{MAX_TEXT_BYTES, ReadError, read_bytes, read_text, refuse_named_pipe};
 pub use structure::{InputErrors, Mistakes, Places};
 pub use toml_file::{Document, FileKind, Section, Value};
 pub use written::{Note, Severity, csv_cell, toml_key, toml_string};

@@ -70,8 +70,19 @@ pub fn read_bytes(path: &Path) -> io::Result<Vec<u8>> {
     bytes_of(open(path)?)
 }
 
-/// Opens a file or an unnamed pipe. Opening a named pipe without a writer would never return.
+/// Opens a file or an unnamed pipe.
 pub(crate) fn open(path: &Path) -> io::Result<File> {
+    refuse_named_pipe(path)?;
+    File::open(path)
+}
+
+/// Refuses a named pipe: opening one without a writer would never return.
+///
+/// # Errors
+/// The path is a named pipe, or does not exist.
+pub fn refuse_named_pipe(path: &Path) -> io::Result<()> {
+    #[cfg(not(unix))]
+    let _ = path;
     #[cfg(unix)]
     {
         use std::os::unix::fs::FileTypeExt;
@@ -81,7 +92,7 @@ pub(crate) fn open(path: &Path) -> io::Result<File> {
             return Err(io::Error::new(io::ErrorKind::InvalidInput, found));
         }
     }
-    File::open(path)
+    Ok(())
 }
 
 pub(crate) fn bytes_of(file: File) -> io::Result<Vec<u8>> {

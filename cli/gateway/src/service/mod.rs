@@ -22,7 +22,7 @@ use volcomp_vocabulary::PerAxis;
 
 use crate::{
     audit::{
-        AuditLog, Entry, LogState, boot_id, utc_now,
+        AuditLog, Entry, LogState, boot_id, output_file, utc_now,
         writer::{AuditWriter, Receipt},
     },
     config::Config,
@@ -216,7 +216,8 @@ impl Service {
         };
         let text = self.parts.model.text.clone();
         self.parts.notes.report(entry, Some(text));
-        // The output of the previous run may be outdated from now on.
+        // The output of the previous run may be outdated from now on, also if a full disk takes no new one.
+        let _ = std::fs::remove_file(output_file(self.parts.config.audit_dir()));
         let report = *self.parts.handle.report();
         self.write_output(&report, false);
         self.publish();
@@ -498,7 +499,7 @@ impl Service {
             monotonic_s: monotonic().as_secs_f64(),
             correction: report.correction.to_vec(),
         };
-        let path = self.parts.config.audit_dir().join("output.json");
+        let path = output_file(self.parts.config.audit_dir());
         self.output = LatestOutput {
             at: self.clock.now(),
             correction: report.correction,
