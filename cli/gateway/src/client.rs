@@ -350,7 +350,7 @@ pub fn status_text(status: &Status) -> String {
 }
 
 /// The word before the reasons: while compensating they explain no state.
-pub(crate) fn reasons_title(state: StateName) -> &'static str {
+fn reasons_title(state: StateName) -> &'static str {
     if state == StateName::Compensating { "notes" } else { "because" }
 }
 

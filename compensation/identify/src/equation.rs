@@ -302,7 +302,7 @@ impl System {
     }
 
     /// Writes the equations of one row; see [`System::plain_equations`].
-    pub(crate) fn write_row(
+    fn write_row(
         &self,
         row: &PreparedRow,
         values: &Values,

@@ -278,7 +278,7 @@ fn decode_observation(
     })
 }
 
-pub(crate) fn decode_penalty(section: &Section<'_>, default: bool) -> Result<bool, InputError> {
+fn decode_penalty(section: &Section<'_>, default: bool) -> Result<bool, InputError> {
     section.one_of("penalty", &[("auto", true), ("none", false)], default)
 }
 
@@ -330,7 +330,7 @@ impl Unknown {
 }
 
 /// Decodes every unknown. An empty list is valid: the observations then validate the machine as it is.
-pub(crate) fn decode_unknown(
+fn decode_unknown(
     value: &Value<'_>,
     machine: &Machine,
     penalised: bool,

@@ -504,7 +504,7 @@ impl Machine {
         self.motions.get(axis)?[component].as_ref()
     }
 
-    pub(crate) fn location_of(&self, axis: usize) -> ErrorMotion {
+    fn location_of(&self, axis: usize) -> ErrorMotion {
         let mut six = [0.0; 6];
         for (name, &value) in &self.locations {
             if self.axes.get(axis).is_some_and(|a| a.name == name.axis) {

@@ -685,7 +685,7 @@ impl Rewriter {
     }
 
     /// Bound violated by the correction `carried` at a position, both in program coordinates; `None` if it is within all bounds.
-    pub(crate) fn bound_violation(&self, at: &Axes, carried: &Axes) -> Option<BoundViolation> {
+    fn bound_violation(&self, at: &Axes, carried: &Axes) -> Option<BoundViolation> {
         let frame = &self.interpreter.frame;
         let in_machine = frame.to_machine(at);
         let by = frame.moved_in_machine_at([&in_machine, at], carried);

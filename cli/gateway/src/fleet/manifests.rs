@@ -695,7 +695,7 @@ impl Store {
         named.filter_map(|path| verified(&path, config)).collect()
     }
 
-    pub(crate) fn has_machine(&self, manifest: &Manifest) -> bool {
+    fn has_machine(&self, manifest: &Manifest) -> bool {
         fs::read(self.machine(manifest)).is_ok_and(|text| manifest.model.is(&text))
     }
 
@@ -707,7 +707,7 @@ impl Store {
         self.keep_standing(standing)
     }
 
-    pub(crate) fn keep_machine(&self, manifest: &Manifest, text: &str) -> io::Result<()> {
+    fn keep_machine(&self, manifest: &Manifest, text: &str) -> io::Result<()> {
         replace_file(&self.machine(manifest), text)
     }
 

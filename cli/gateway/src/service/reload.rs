@@ -340,7 +340,7 @@ impl Service {
         }))
     }
 
-    pub(super) fn finish_activation(&mut self) {
+    fn finish_activation(&mut self) {
         if self.last_state.is_armed() {
             self.must_confirm(false);
         } else {

@@ -353,7 +353,7 @@ impl NotCounted {
 const NO_MATTER: f64 = 0.05;
 const MOST_NAMED: usize = 6;
 
-pub(super) fn notes_on_machine(file: &Path, found: &Machine, machine: &Machine) -> Vec<String> {
+fn notes_on_machine(file: &Path, found: &Machine, machine: &Machine) -> Vec<String> {
     let mut notes = Vec::new();
     if found.name != machine.name {
         notes.push(format!(

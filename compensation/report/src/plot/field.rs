@@ -215,7 +215,7 @@ pub fn quiver(quiver: &Quiver) -> String {
         VIEW[0], VIEW[1]
     );
     let mut svg = Svg::new("plot quiver", (width, height), &quiver.words, &more);
-    let edges = edges_of_box([x, y, z]).map(|edge| edge.map(to_box));
+    let edges: Vec<_> = edges_of_box([x, y, z]).into_iter().map(|edge| edge.map(to_box)).collect();
     put(&mut svg, "box", "", &edges, scale_px);
     for (after, class) in [(false, "b"), (true, "f")] {
         let arrows = || finite_arrows.iter().filter(|arrow| arrow.after == after);
@@ -293,14 +293,15 @@ fn projected([x, y, z]: [f64; 3], [turn, tilt]: [f64; 2], scale_px: f64) -> [f64
     [0.5 * SIZE[0] + across * scale_px, 0.5 * SIZE[1] - up * scale_px]
 }
 
-fn edges_of_box([x, y, z]: [[f64; 2]; 3]) -> [[[f64; 3]; 2]; 12] {
+fn edges_of_box([x, y, z]: [[f64; 2]; 3]) -> Vec<[[f64; 3]; 2]> {
     let corner = |i: usize| [x[i & 1], y[i >> 1 & 1], z[i >> 2 & 1]];
-    let ends = [0, 1, 2, 3, 4, 5, 6, 7].into_iter().flat_map(|from| {
-        [1, 2, 4].into_iter().filter(move |bit| from & bit == 0).map(move |bit| [from, from | bit])
-    });
-    let mut edges = [[[0.0; 3]; 2]; 12];
-    for (edge, ends) in edges.iter_mut().zip(ends) {
-        *edge = ends.map(corner);
+    let mut edges = Vec::new();
+    for from in 0..8_usize {
+        for bit in [1, 2, 4] {
+            if from & bit == 0 {
+                edges.push([corner(from), corner(from | bit)]);
+            }
+        }
     }
     edges
 }

@@ -70,10 +70,7 @@ impl Category {
 }
 
 /// Machine with the errors of one category only; `None` if it has none.
-pub(crate) fn with_only(
-    machine: &Machine,
-    category: Category,
-) -> Result<Option<Machine>, ExchangeError> {
+fn with_only(machine: &Machine, category: Category) -> Result<Option<Machine>, ExchangeError> {
     let mut found = machine.clone();
     found.clear_errors();
     found.set_thermal(Thermal::default())?;

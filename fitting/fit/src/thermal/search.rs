@@ -13,8 +13,7 @@ use super::columns::{
     BEFORE, Between, Column, Features, Stretch, Sums, ThermalEffect, lagged, ridge, split,
     stretches,
 };
-use super::record::enough_rows;
-use super::record::{ThermalOptions, ThermalRecord, ThermalRun};
+use super::record::{ThermalOptions, ThermalRecord, ThermalRun, enough_rows};
 use crate::FitError;
 use crate::fit::rms;
 
