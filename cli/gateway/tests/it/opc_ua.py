@@ -101,8 +101,9 @@ async def change(client, space, variables):
 async def main():
     url = sys.argv[1]
     endpoints = await Client(url, timeout=60).connect_and_get_server_endpoints()
-    print(json.dumps([[end.EndpointUrl, end.SecurityMode.name] for end in endpoints]), flush=True)
     async with Client(url, timeout=60) as client:
+        # Printed once the session is open, so that no flood of connections comes before it.
+        print(json.dumps([[end.EndpointUrl, end.SecurityMode.name] for end in endpoints]), flush=True)
         space = await client.get_namespace_index(NAMESPACE)
         root = client.get_node(ua.NodeId("volcomp", space))
         loop = asyncio.get_running_loop()
