@@ -1,5 +1,6 @@
-//! The ideal kinematic chain: joints, tool and workpiece at machine zero; its state, and the interface that supplies
-//! the errors of its axes.
+//! The ideal kinematic chain: joints, tool and workpiece at machine zero, and its state.
+//!
+//! [`ErrorSource`] is the interface that supplies the errors of its axes.
 
 use arrayvec::ArrayVec;
 use nalgebra::Vector3;

@@ -1,5 +1,7 @@
-//! Other descriptions of a chain: Denavit–Hartenberg tables in the distal and the proximal convention, and the
-//! zero-position model, in which each joint is described by the nominal or actual line of its axis at machine zero.
+//! Conversions between a chain and its other descriptions: Denavit–Hartenberg tables, and the zero-position model.
+//!
+//! Tables are in the distal or the proximal convention. In the zero-position model each joint is described by the
+//! nominal or actual line of its axis at machine zero.
 //!
 //! Talyan et al. calibrate a five-axis machine with a ball array. Their unknowns are the direction cosines and a point
 //! of each actual axis, which correspond to the location errors of this crate.

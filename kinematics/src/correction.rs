@@ -68,7 +68,6 @@ impl CorrectionOptions {
     }
 }
 
-/// A correction and its residual.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Correction {

@@ -1,4 +1,6 @@
-//! The three forms of the volumetric error model, `exact`, `htm` and `twist`, and constant errors.
+//! The three forms of the volumetric error model: `exact`, `htm` and `twist`.
+//!
+//! `GivenErrors` are constant errors.
 
 use core::fmt;
 use core::str::FromStr;

@@ -1,5 +1,7 @@
-//! Inverse kinematics of the ideal chain: coordinates for a tool tip and a tool axis in workpiece axes, and moves of
-//! linear axes that leave the tip in place, because rotary axes made these axes parallel.
+//! Inverse kinematics of the ideal chain: coordinates for a tool tip and a tool axis in workpiece axes.
+//!
+//! If rotary axes have made linear axes parallel, some moves of the linear axes leave the tip in place; these moves are
+//! computed too.
 //!
 //! Linear axes do not rotate the tool. Therefore the rotary axes are determined first, from the tool axis alone, and
 //! then the linear axes from the tool tip. One rotary axis is Paden and Kahan's first subproblem, two rotary axes in

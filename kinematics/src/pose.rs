@@ -1,4 +1,5 @@
-//! Rigid transforms, rotation vectors, and screw theory: twists, screws, adjoint and exponential.
+//! Poses and small motions: rigid transforms, rotation vectors, and screw theory (twists, screws, adjoint,
+//! exponential).
 //!
 //! The notation is that of Murray, Li and Sastry, *A Mathematical Introduction to Robotic Manipulation* (1994), chapter
 //! 2, in which the linear part comes first.

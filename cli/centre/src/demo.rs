@@ -1,9 +1,10 @@
 //! The demonstration: a server, three simulated machines and the web interface, in a folder that is removed at the end.
 //!
-//! `SimulatedMachine` is a machine with its gateway, as visible to the centre. It accepts signed models, requires confirmation of models with large
-//! moves, corrects, and reports its condition. The simulated true machine differs slightly from its model, and it warms up.
+//! `SimulatedMachine` is a machine with its gateway, as visible to the centre. It accepts signed models, asks for
+//! confirmation of models with large moves, corrects, and reports its condition. The simulated true machine differs
+//! slightly from its model, and it warms up.
 //!
-//! Its gateway reports what a real gateway can measure: the residual is the error that its model predicts to remain.
+//! The reported residual is the error that the model predicts to remain, which is all that a real gateway can know.
 //! Like every gateway with a simulated machine, it also reports the true error.
 
 use std::{

@@ -1,4 +1,5 @@
-//! Users: roles, passwords (Argon2id) and sessions, as plain data and rules. `store::users` stores them.
+//! Users: roles, passwords (Argon2id), sessions and rejected requests, as plain data and rules. `store::users` stores
+//! users and sessions.
 //!
 //! A session is a random token in the browser and its hash in the store. Its times count from the boot of the computer
 //! and are valid until the next boot, so setting back the wall clock does not extend a session.
@@ -6,8 +7,8 @@
 //! Wrong passwords delay further attempts: for one account from one address, for one account, and from one address. A
 //! correct password is accepted after the delay, so an attacker cannot lock a user out.
 //!
-//! State: the counts and the waiting attempts, in memory. Each pair of address and account has at most `MAX_WAITING` attempts waiting, which
-//! bounds guesses to `MAX_WAITING / DELAY` a second.
+//! State: the counts and the waiting attempts, in memory. Each pair of address and account has at most `MAX_WAITING`
+//! attempts waiting, which bounds guesses to `MAX_WAITING / DELAY` a second.
 
 use std::{
     collections::{BTreeSet, HashMap},

@@ -1,4 +1,4 @@
-//! Errors; axes, counts and times in the units of the options and of the control.
+//! Errors of the program, and conversions between the units of the options, of the control and of this program.
 
 use std::time::Duration;
 

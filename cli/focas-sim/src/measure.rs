@@ -1,5 +1,6 @@
-//! Measurement at the targets of a program: the machine stops at each target until the correction has settled. The results are written to a
-//! file, with the tool error along each line.
+//! Measurement at the targets of a program: the machine stops at each target until the correction has settled.
+//!
+//! The results are written to a file, with the tool error along each line.
 
 use std::{
     fs::File,

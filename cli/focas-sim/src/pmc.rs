@@ -1,5 +1,7 @@
-//! Programs in the PMC of the simulated control: the barrier, with its options and the ladder made from them, and map interpolation, whose
-//! program is the reference implementation in `volcomp-tables`.
+//! Programs in the PMC of the simulated control: the barrier, and map interpolation.
+//!
+//! The barrier runs with the given options; its ladder is generated from them. Map interpolation runs the reference
+//! implementation in `volcomp-tables`.
 
 use std::time::Duration;
 

@@ -1,4 +1,6 @@
-//! Program of the simulated machine: the moves of a CSV file, run one by one on request, and the lines along which the machine is measured.
+//! Program of the simulated machine: the moves of a CSV file, and the lines along which the machine is measured.
+//!
+//! The moves run one by one on request.
 
 use std::{
     path::Path as FilePath,

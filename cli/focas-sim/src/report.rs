@@ -1,4 +1,6 @@
-//! Reports of the simulated machine, and the log of its axis corrections, written by a separate thread, so that a scan never waits for a disk.
+//! Reports of the simulated machine, and the log of its axis corrections.
+//!
+//! A separate thread writes them, so that a scan never waits for a disk.
 
 use std::{
     collections::BTreeMap,

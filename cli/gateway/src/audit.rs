@@ -1,4 +1,4 @@
-//! The audit log: every change of state with the client that requested it. Records form a hash chain.
+//! The audit log: every change of state with the client that requested it, as a hash chain of records.
 //!
 //! A line is `CHECKSUM JSON`. The checksum is SHA-256 over the checksum of the previous line, a line feed, and the
 //! JSON. A record is on disk when [`AuditLog::append`] returns.

@@ -1,4 +1,5 @@
-//! Requests to a running gateway: `status`, and `arm`, `disarm` and `acknowledge`, the buttons of the dashboard as commands.
+//! Commands that send requests to a running gateway: `status`, and `arm`, `disarm` and `acknowledge`, the buttons of
+//! the dashboard.
 
 use std::{
     net::SocketAddr,

@@ -1,5 +1,7 @@
-//! What an operator confirms: a machine file together with the limits of its correction, the controllers and the
-//! thermometers. Signs that a new model belongs to another machine than the active model.
+//! The content that an operator confirms: a machine file with the limits of its correction, the controllers and the
+//! thermometers.
+//!
+//! Differences between two models can show that the new model belongs to another machine.
 
 use std::{
     collections::{BTreeMap, BTreeSet},

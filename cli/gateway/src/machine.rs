@@ -1,6 +1,7 @@
-//! Runs the machine on a separate thread: start, supervision and final ramp. A panic on this thread is caught here. A
-//! [`Slot`] is the exchange between the process and its machine: orders go in, the phase comes out. A stop order waits
-//! for no lock.
+//! Runs the machine on a separate thread: start, supervision and final ramp.
+//!
+//! A panic on this thread is caught here. A [`Slot`] connects the process with its machine: the process sends orders
+//! and reads the phase of the machine. A stop order waits for no lock.
 
 use std::{
     io::Write,

@@ -1,6 +1,7 @@
-//! The main loop of the gateway: signals, reloads and notifications of the service manager. The loop never waits for
-//! the machine. A separate thread receives the signals, so that a stop takes effect immediately, even if the service is
-//! busy.
+//! The main loop of the gateway: signals, reloads and notifications of the service manager.
+//!
+//! The loop never waits for the machine. A separate thread receives the signals, so that a stop takes effect
+//! immediately, even if the service is busy.
 
 use std::{
     fs::File,

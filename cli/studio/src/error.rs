@@ -1,4 +1,4 @@
-//! Errors of the studio, and the interrupt that ends a request with one.
+//! Errors of the studio, and the interrupt that ends a request with an error.
 
 use std::{
     io,
@@ -31,7 +31,6 @@ pub enum StudioError {
         "{folder}: found more than {most} files, expected a folder that holds the measurement files of one machine"
     )]
     TooManyFiles {
-        /// Path of the folder.
         folder: String,
         /// Maximum number of files.
         most: usize,
@@ -71,7 +70,6 @@ pub enum StudioError {
     /// The folder has no result yet.
     #[error("result/machine.toml: not found: fit the measurements first")]
     NoResult,
-    /// The folder has changed since the fit.
     #[error(
         "result/machine.toml: a measurement, the machine file or the calibration file has changed since the fit: fit again"
     )]
@@ -82,7 +80,6 @@ pub enum StudioError {
     /// The measurements cannot be calibrated.
     #[error(transparent)]
     Calibrate(#[from] Box<CalibrateError>),
-    /// A tolerance is invalid.
     #[error("{0}")]
     Tolerance(#[from] MetrologyError),
     /// The tables cannot be exported.

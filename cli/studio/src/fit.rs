@@ -1,5 +1,4 @@
-//! Computes the machine file and the report from the calibration file, and the drift of the machine: earlier models in comparison with the newest
-//! one.
+//! Computes the machine file and the report from the calibration file, and the drift since earlier models.
 
 use serde::Serialize;
 use volcomp_calibrate::{Calibration, CalibrationFile, LeftOver, calibrate};
@@ -21,7 +20,6 @@ use crate::{
 pub struct FitResult {
     /// The checksum of the machine file.
     pub machine: String,
-    /// The verdict on the tolerances.
     pub verdict: Verdict,
     /// Each figure with its tolerance, in words.
     pub checks: Vec<String>,

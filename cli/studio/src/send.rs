@@ -1,5 +1,7 @@
-//! Sends the fitted machine file to a gateway or to the centre over their HTTP APIs. The gateway compares the file with
-//! the active model; the centre stores it. Neither corrects with it until an engineer confirms it there.
+//! Sends the fitted machine file to a gateway or to the centre over their HTTP APIs.
+//!
+//! The gateway compares the file with the active model; the centre stores the file. Neither corrects with the file
+//! until an engineer confirms it there.
 
 use std::{
     net::ToSocketAddrs,
@@ -49,7 +51,6 @@ pub enum Target {
         url: String,
         /// Name of a user with the role engineer.
         name: String,
-        /// Password of this user.
         password: String,
         /// Trusted certificate, PEM; required for `https`.
         #[serde(default)]

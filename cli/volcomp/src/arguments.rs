@@ -1,4 +1,4 @@
-//! Arguments that several commands have: machine, positions, limits, the unit of a measurement file.
+//! Arguments that several commands share: machine, positions, limits, and the unit of a measurement file.
 
 use std::{
     fs::{self, File},

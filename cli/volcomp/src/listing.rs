@@ -1,5 +1,7 @@
-//! Answers for any number of positions, and remarks on their rows. Each row is formatted once, for the document or the table, into a temporary
-//! file, which is printed at the end. Nothing is printed if a later row fails, and memory use does not grow with the number of rows.
+//! Answers for any number of positions, one row each, with remarks on the rows.
+//!
+//! Each row is formatted once, for the document or the table, into a temporary file, which is printed at the end.
+//! Nothing is printed if a later row fails, and memory use does not grow with the number of rows.
 
 use std::io::{self, Seek, Write};
 

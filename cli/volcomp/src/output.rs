@@ -1,5 +1,6 @@
-//! Output: standard output, files that are written atomically, pictures as SVG or PNG, progress bars, and the refusal of numbers that are not
-//! finite, because JSON would represent them as null.
+//! Output of the commands: standard output, files that are written atomically, SVG and PNG pictures, progress bars.
+//!
+//! Numbers that are not finite are refused, because JSON would represent them as null.
 
 use std::{
     collections::BTreeSet,

@@ -1,5 +1,6 @@
-//! Fits the lines of one error to one curve, or to one curve for each direction, and evaluates the fit; fits the
-//! readings of one measurement.
+//! Fits the lines of one error to one curve, or to one curve for each direction, and evaluates the fit.
+//!
+//! `fit_readings` fits the readings of a single measurement.
 
 use volcomp_curve::{ErrorCurve, Field};
 use volcomp_fit::{
@@ -657,8 +658,8 @@ mod tests {
     use crate::testing::{file, line, machine, name};
     use crate::varied::normal;
 
-    /// Fits lines of EYX at these heights above the axis, mm. EYX is 0, and a roll of up to 10 µrad bends the lines apart; `roll` is what the machine
-    /// file states of it. Each reading has this noise, µm.
+    /// Fits lines of EYX at these heights above the axis, mm. EYX is 0, and a roll of up to 10 µrad bends the lines
+    /// apart. `roll` is the text of the machine file about the roll; `noise_um` is the noise of each reading.
     fn fitted_lines(
         heights: &[f64],
         roll: &str,

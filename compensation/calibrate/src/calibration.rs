@@ -1,5 +1,8 @@
-//! Calibration: the stages over the lines of a file, the unknowns identified from its observations, and messages;
-//! errors that are not measured, and the origin of the errors, which is the table `[provenance]` of the machine file.
+//! Calibration of a machine from the lines and the observations of a calibration file.
+//!
+//! The stages process the lines, then the unknowns are identified from the observations. The result includes messages,
+//! the errors that are not measured, and the origin of each error, which is the table `[provenance]` of the machine
+//! file.
 
 use std::collections::BTreeMap;
 

@@ -89,7 +89,6 @@ pub struct Squareness {
 /// How the value of a squareness is determined.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SquarenessSource {
-    /// Stated value.
     Value(Urad),
     /// From the slopes of its two straightness errors, with the angle of their reference.
     Slopes {

@@ -1,5 +1,6 @@
-//! Plausibility checks of measurement lines and of values in the calibration file. The functions `refuse*` reject; the
-//! others return messages.
+//! Plausibility checks of measurement lines and of values in the calibration file.
+//!
+//! The functions `refuse*` reject; the others return messages.
 
 use std::collections::BTreeMap;
 

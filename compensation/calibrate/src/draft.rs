@@ -1,5 +1,6 @@
-//! Drafts a calibration file for a folder of measurement files: proposals come from their headers, extensions and names; unknown values become
-//! questions.
+//! Drafts a calibration file for a folder of measurement files.
+//!
+//! Proposals come from the headers, extensions and names of the files; unknown values become questions.
 
 use std::{
     fmt::{self, Write as _},

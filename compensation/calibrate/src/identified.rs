@@ -1,7 +1,8 @@
-//! Last stage: unknown errors are identified from observations of the whole machine. Two steps alternate until both
-//! converge: the unknowns are identified with the measured errors held, and the measured errors are fitted again
-//! without the contributions of the unknowns. If the lines depend so strongly on the unknowns that the alternation
-//! converges slowly or not at all, unknowns and measured errors are solved together.
+//! The last stage of a calibration: unknown errors are identified from observations of the whole machine.
+//!
+//! Two steps alternate until both converge: the unknowns are identified with the measured errors held, and the measured
+//! errors are fitted again without the contributions of the unknowns. If the lines depend so strongly on the unknowns
+//! that the alternation converges slowly or not at all, unknowns and measured errors are solved together.
 
 use volcomp_document::Note;
 use volcomp_identify::{Follower, Identification, Observations, Parameter, identify_followed};

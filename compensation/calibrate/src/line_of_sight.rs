@@ -1,6 +1,7 @@
-//! Readings of a perfect instrument along a line on a machine with errors: Abbe's principle, the contributions of axes
-//! other than the measured axis, and the poses of the artefacts. The machine coordinate system is not accessible, so
-//! that the axes are the only references for their alignment.
+//! Readings of a perfect instrument along a line of a machine with errors.
+//!
+//! They include the Abbe error, the contributions of axes other than the measured axis, and the poses of the artefacts.
+//! The machine coordinate system is not accessible to an instrument, so artefacts are aligned to the axes.
 
 use core::f64::consts::{FRAC_PI_2, PI};
 

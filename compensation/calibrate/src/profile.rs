@@ -1,4 +1,4 @@
-//! Readings of a measured line, and repeated readings, from which the band of a curve is resampled.
+//! Readings of a measured line: their means at the targets, and the repeated readings from which bands are resampled.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;

@@ -1,5 +1,5 @@
-//! Proposes a measurement for one file of a folder, from its header, extension and name; values that remain open are
-//! `"?"`.
+//! Proposes a measurement for one file of a folder, from its header, extension and name. The placeholder of a value
+//! that remains open is `"?"`.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;

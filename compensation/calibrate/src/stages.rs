@@ -1,7 +1,9 @@
-//! Stages from readings to a machine. First the angular errors, from their own readings or from parallel lines at
-//! different lever arms. Second the linear errors without Abbe errors, a straightness also without its line. Third the
-//! squareness errors, which are stated, or follow from diagonals (ISO 230-6), or from the slopes of the straightness
-//! lines minus the contributions of the tilts of held axes.
+//! Stages from readings to a machine: angular errors, then linear errors, then squareness errors.
+//!
+//! 1. Angular errors follow from their own readings, or from parallel lines at different lever arms.
+//! 2. Linear errors are freed of Abbe errors, a straightness also of its fitted line.
+//! 3. Squareness errors are stated, or follow from diagonals (ISO 230-6), or from the slopes of the straightness lines
+//!    minus the contributions of the tilts of held axes.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};

@@ -1,5 +1,7 @@
-//! Tables `[[location]]` and `[[squareness]]` of a calibration file, with the diagonals that may determine a
-//! squareness, and its keys `unknown` and `[[observation]]`.
+//! Decodes the tables `[[location]]`, `[[squareness]]` and `[[observation]]` and the key `unknown` of a calibration
+//! file.
+//!
+//! A squareness may be determined by diagonals.
 
 use std::path::{Path, PathBuf};
 

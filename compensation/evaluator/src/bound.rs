@@ -1,5 +1,7 @@
-//! Bounds from the derivatives of the curves: of the distance between the errors along a straight move and the straight line between the
-//! errors at its ends, and of the residual of first-order corrections.
+//! Bounds of errors, from the derivatives of the curves.
+//!
+//! [`CompiledMachine::chord_bound_mm`] bounds the distance between the errors along a straight move and the straight
+//! line between the errors at its ends. [`Neglected`] bounds the residual of first-order corrections.
 
 use arrayvec::ArrayVec;
 use volcomp_kinematics::{State, nalgebra::Vector3};

@@ -1,5 +1,7 @@
-//! One pose in a real-time cycle: its error and its first-order correction, with the widest registers of the processor; without the standard
-//! library, with the registers of the compilation target.
+//! Evaluates one pose in a real-time cycle: its error and its first-order correction.
+//!
+//! It uses the widest registers of the processor. A build without the standard library uses those of the compilation
+//! target.
 
 #[cfg(feature = "std")]
 use pulp::{Arch, Simd, WithSimd};

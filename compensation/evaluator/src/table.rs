@@ -1,5 +1,6 @@
-//! The errors of an axis: six piecewise cubics over one coordinate, and bilinear patches over two. A uniform index over the breakpoints finds
-//! the interval of a coordinate in one bounded step.
+//! The table of the errors of an axis: six piecewise cubics over one coordinate, and bilinear patches over two.
+//!
+//! A uniform index over the breakpoints finds the interval of a coordinate in one bounded step.
 
 use alloc::vec::Vec;
 

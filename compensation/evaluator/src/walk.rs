@@ -1,4 +1,6 @@
-//! The walk along the chain from the tool to the workpiece: every axis adds its errors at the current position of the tip, and then moves the tip.
+//! The walk along the chain from the tool to the workpiece.
+//!
+//! Every axis adds its errors at the current position of the tip, and then moves the tip.
 
 use volcomp_kinematics::{ErrorMotion, ErrorSource, State, nalgebra::Vector3};
 use volcomp_vocabulary::{AxisKind, Direction};

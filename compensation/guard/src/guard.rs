@@ -1,6 +1,8 @@
-//! The guard, and what it remembers of the corrections that it sent: which of them may still arrive, so that a read-back beyond the limit of an
-//! axis is accepted if this guard sent or confirmed it before the limit was lowered or the path changed; and how far the next word may differ
-//! from each earlier one, at most by the slew plus one step over every time window, even if the correction was restarted in between.
+//! The guard, its record of the corrections that may still arrive, and the admissible range of the next word.
+//!
+//! A read-back beyond the limit of an axis is accepted if this guard sent or confirmed it before the limit was lowered
+//! or the path changed (`AcceptedRange`). The next word differs from each earlier word by at most the slew plus one
+//! step over every time window, even if the correction was restarted in between (`Corridor`).
 
 use core::time::Duration;
 
@@ -205,7 +207,6 @@ impl Guard {
         }
     }
 
-    /// The active limits.
     pub fn limits(&self) -> &Limits {
         &self.limits
     }

@@ -1,5 +1,6 @@
-//! Several paths to one control: selection of the active path, and interlocks, conditions reported on any path, that forbid moving a
-//! correction.
+//! Several paths to one control: selection of the active path, and the interlocks of all paths.
+//!
+//! An interlock is a condition that forbids moving a correction. It applies if any path reports it.
 
 use core::time::Duration;
 
@@ -94,9 +95,7 @@ impl Selector {
 pub struct Interlock {
     /// An axis is not referenced.
     pub unreferenced: bool,
-    /// An alarm is active.
     pub alarm: bool,
-    /// The emergency stop is pressed.
     pub emergency_stop: bool,
 }
 

@@ -1,4 +1,7 @@
-//! Reported positions: their plausibility, within travel and reachable since the last accepted position, and the direction of travel.
+//! Checks of reported positions, and the direction of travel.
+//!
+//! A position is plausible if it is within the travel and the axis can have reached it since the last accepted
+//! position.
 
 use core::time::Duration;
 

@@ -252,7 +252,6 @@ impl ReadBack {
     }
 }
 
-/// A confirmed correction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Confirmed {
     /// The correction of each axis, mm or rad.

@@ -1,4 +1,4 @@
-//! States of a guard and what leads to them; its inputs and outputs in one cycle: plain data.
+//! States of a guard, the causes of their changes, and its inputs and outputs in one cycle, as plain data.
 
 use core::time::Duration;
 
@@ -49,7 +49,6 @@ pub enum Hold {
 /// The state that follows once the correction has reached zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum End {
-    /// The guard is disarmed.
     Disarmed,
     /// The guard waits for positions, still armed.
     Lost,

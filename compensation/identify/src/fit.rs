@@ -1,13 +1,13 @@
-//! One fit: selection of the distinguishable unknowns, the search for them, and cross-validation residuals of rows that
-//! are left out.
+//! One fit: selection of the distinguishable unknowns, the search for them, and cross-validation residuals.
 //!
 //! Distinguishability is decided on the ideal experiment: the same poses on a machine without errors, with readings
 //! that fit it exactly. Unknowns that are separated only by the errors of the real machine are not distinguishable.
 //!
-//! Let J = QR be the equations of all rows, and Q₁ and r₁ the parts of Q and of the residuals r that belong to the rows
-//! to be left out. Without these rows the unknowns θ change by R⁻¹x with x = −(I − Q₁ᵀQ₁)⁻¹(Qᵀr − Q₁ᵀr₁), which needs
-//! only a small factorisation. The formula holds for unpenalised least squares, if the other rows still determine all
-//! unknowns and the equations are linear within the step. Otherwise the caller fits the other rows.
+//! The residuals are those of rows that are left out. Let J = QR be the equations of all rows, and Q₁ and r₁ the parts
+//! of Q and of the residuals r that belong to these rows. Without these rows the unknowns θ change by R⁻¹x with x = −(I
+//! − Q₁ᵀQ₁)⁻¹(Qᵀr − Q₁ᵀr₁), which needs only a small factorisation. The formula holds for unpenalised least squares, if
+//! the other rows still determine all unknowns and the equations are linear within the step. Otherwise the caller fits
+//! the other rows.
 
 use volcomp_kinematics::nalgebra::{DMatrix, DVector, Vector3};
 use volcomp_kinematics::{REACHED_WITHIN_MM, State};

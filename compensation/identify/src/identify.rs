@@ -1,5 +1,6 @@
-//! Identifies a machine from observations: set-up, rank, errors, validation; the machine with the identified errors,
-//! and Monte Carlo samples of it.
+//! Identifies the errors of a machine from observations.
+//!
+//! The result is the machine with the identified errors, their validation, and Monte Carlo samples of the machine.
 
 use std::collections::BTreeSet;
 

@@ -1,5 +1,6 @@
-//! Identified values in the units of results, their covariance, unknowns that the observations leave undetermined, and
-//! the dependence of the identified unknowns on the errors of the machine that were taken as known.
+//! Results of an identification: values in their units, covariance, and undetermined unknowns.
+//!
+//! Also the dependence of the identified unknowns on the errors of the machine that were taken as known.
 
 use volcomp_kinematics::nalgebra::{DMatrix, DVector, Vector3};
 use volcomp_model::Machine;

@@ -1,5 +1,6 @@
-//! Triangular factor of a matrix and its inverse, computed in blocks so that nearly all of the work is matrix products;
-//! independent columns of a matrix, and the null combinations that make the other columns dependent.
+//! Rank of a matrix: independent columns, and the null combinations that make the other columns dependent.
+//!
+//! The triangular factor and its inverse are computed in blocks, so that nearly all of the work is matrix products.
 
 use volcomp_kinematics::nalgebra::{DMatrix, DVector, RowDVector};
 

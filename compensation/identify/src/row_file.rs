@@ -1,4 +1,4 @@
-//! Row files: lookup of columns by name, decoding of the rows, and rows of balls on a bar (1-D ball array).
+//! Reads row files, including rows of balls on a bar (1-D ball array). Columns are found by name.
 
 use std::path::{Path, PathBuf};
 

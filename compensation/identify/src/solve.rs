@@ -1,6 +1,7 @@
-//! Gauss–Newton search on the exact model, with or without penalties of curves. The weights of the penalties are chosen
-//! so that the observations are most probable (restricted maximum likelihood), by the fixed point of Wood and Fasiolo,
-//! Biometrics 73 (2017).
+//! Gauss–Newton search for the unknowns on the exact model, with or without penalties of curves.
+//!
+//! The weights of the penalties are chosen so that the observations are most probable (restricted maximum likelihood),
+//! by the fixed point of Wood and Fasiolo, Biometrics 73 (2017).
 
 use volcomp_kinematics::nalgebra::{DMatrix, DVector};
 

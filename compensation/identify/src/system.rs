@@ -1,5 +1,6 @@
-//! The unknowns and their machine, and rows prepared for the search: the part of each row that does not depend on the
-//! parameters.
+//! The unknowns and their machine, and the rows of observations prepared for the search.
+//!
+//! The part of each row that does not depend on the parameters is computed once.
 //!
 //! Followers are errors of the machine that change with an unknown, because they were fitted to readings that contain
 //! the unknown (variable projection: G. H. Golub, V. Pereyra, SIAM Journal on Numerical Analysis 10, 1973).

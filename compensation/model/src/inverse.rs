@@ -1,5 +1,7 @@
-//! Inverse kinematics of the ideal machine: coordinates for a tip and a tool direction, and the ranges of a free axis, a rotary axis
-//! that does not affect the tool direction, in which the other axes reach the tip within their travels.
+//! Inverse kinematics of the ideal machine: coordinates for a tip and a tool direction.
+//!
+//! A rotary axis that does not affect the tool direction is free. Its ranges are those in which the other axes reach
+//! the tip within their travels.
 
 use std::f64::consts::{PI, TAU};
 

@@ -190,7 +190,6 @@ impl Machine {
         &self.tool
     }
 
-    /// The named tools of `[tools]`.
     pub fn tools(&self) -> &BTreeMap<String, Tool> {
         &self.tools
     }

@@ -687,8 +687,8 @@ impl Interpreter {
         }
     }
 
-    /// Forgets positions that the program has named before it states a work offset, shift or tool length for the first time: an earlier program
-    /// may have left another one in the control than the one assumed until then.
+    /// Forgets the positions that the program named before it first states a work offset, shift or tool length. Until
+    /// then the control may have used a value of an earlier program instead of the assumed value.
     pub(crate) fn forget_named(&mut self, axes: std::ops::Range<usize>) {
         for axis in axes {
             if self.assumptions.in_program[axis] {

@@ -1,5 +1,6 @@
-//! A line of a program file: its end, its text, its parsed block, and edits to it. Leaders and trailers are those that editors, controls and
-//! tape punches write.
+//! A line of a program file: its end, its text, its parsed block, and edits to it.
+//!
+//! The leaders and trailers of a file are those that editors, controls and tape punches write.
 
 use std::ops::Range;
 
@@ -27,8 +28,7 @@ impl<'a> Line<'a> {
         self.block.words.get(place?)
     }
 
-    /// The manner of an added word: that of the word at this index of the block; without such a word absolute or
-    /// incremental, as is active.
+    /// Manner of an added word: that of the word at this index of the block, or [`Manner::Modal`] without such a word.
     pub(crate) fn manner(self, place: Option<usize>) -> Manner {
         self.word(place).map_or(Manner::Modal, |word| word.manner)
     }

@@ -1,4 +1,4 @@
-//! Motions of the axes that a block commands, and the queue that passes executed motions on to another thread.
+//! Motions of the axes that a block commands, and the queue of executed motions to another thread.
 
 use std::{
     cell::RefCell,

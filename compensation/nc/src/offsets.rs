@@ -1,5 +1,7 @@
-//! Settings of a block that move no axis: tools and their lengths, work offsets, rotations, the coordinate zero, the positions of G28 and
-//! G30, and commands of other dialects that have no RS-274 code.
+//! Executes settings of a block that move no axis.
+//!
+//! These are tools and their lengths, work offsets, rotations, the coordinate zero, the positions of G28 and G30, and
+//! commands of other dialects that have no RS-274 code.
 
 use crate::{
     NcError,
@@ -16,7 +18,7 @@ use crate::{
     notes::Note,
 };
 
-/// Stands for the number of a tool that the program selects by name or not at all.
+/// Number of a tool that the program selects by name or not at all.
 const UNNAMED_TOOL: u32 = u32::MAX >> 2;
 
 impl Interpreter {

@@ -1,4 +1,4 @@
-//! Error curves of a calibration with their readings, and curves of a machine file.
+//! Error curves of a report: those of a calibration with their readings, and those of a machine file.
 
 use std::collections::HashMap;
 

@@ -292,10 +292,13 @@ pub fn uncertainty(
 }
 
 impl Report {
-    /// Adds the body diagonals and the volumetric error of `machine`, over the tools of its file, with the axes other than X, Y and Z at `others` (mm
-    /// or deg) in the diagonals and maps. `before` and `truth` are machine files of the same geometry: the errors before a compensation, and the true
-    /// errors, of which the last state is what correction by `machine` leaves. Returns the note on thermal terms, which are not included. Once
-    /// `is_cancelled` returns true, the errors count as 0: the search ends soon, and the caller discards the report.
+    /// Adds the body diagonals and the volumetric error of `machine`, over the tools of its file. In the diagonals and
+    /// maps the axes other than X, Y and Z are at `others` (mm or deg). `before` and `truth` are machine files of the
+    /// same geometry: `before` has the errors before a compensation, `truth` the true errors. With `truth`, the last
+    /// state is the residual of the true errors after correction by `machine`.
+    ///
+    /// Returns the note on thermal terms, which are not included. Once `is_cancelled` returns true, the errors count as
+    /// 0: the search ends soon, and the caller discards the report.
     ///
     /// # Errors
     /// A machine whose errors cannot be evaluated; the errors of [`Machine::state`] for `others`.

@@ -1,4 +1,4 @@
-//! One cycle: positions, thermal state, model, guard, correction. Nothing here allocates, locks or logs.
+//! One cycle: positions, thermal state, model, guard, correction. It does not allocate, lock or log.
 //!
 //! State: the paths and their data, the active path, the guard, the interlocks, the directions of travel, the thermal lags of the model.
 

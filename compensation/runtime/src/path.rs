@@ -1,5 +1,7 @@
-//! The controllers of a cycle: paths that write, readers that are never written, and the machine position combined from their last positions.
-//! State: the last answer of each controller, and the applied correction as far as it is known.
+//! The controllers of a cycle, and the machine position combined from their last positions.
+//!
+//! Corrections are written by a [`ControlPath`]; a [`PositionReader`] is never written. State: the last answer of each
+//! controller, and the applied correction as far as it is known.
 
 use std::{
     io,

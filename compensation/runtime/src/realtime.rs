@@ -133,7 +133,6 @@ impl Pulse {
         self.clock.elapsed().saturating_sub(done)
     }
 
-    /// Clock of the cycle.
     pub fn clock(&self) -> &Clock {
         &self.clock
     }

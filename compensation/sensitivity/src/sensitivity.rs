@@ -1,4 +1,6 @@
-//! Effect of each error over many poses, errors that cause the same motion, and errors that measurements of the tool cannot separate.
+//! Sensitivity of the volumetric error to each error, over many poses.
+//!
+//! It lists the errors that cause the same motion, and those that measurements of the tool cannot separate.
 
 use nalgebra::{DMatrix, DVector, Vector3};
 use volcomp_kinematics::Chain;

@@ -1,8 +1,8 @@
-//! The single errors of a chain, and errors as constant twists in the gaps between the joints.
+//! The single errors of a chain, and their decomposition into constant twists in the gaps between the joints.
 //!
-//! To first order an error of one unit is a twist in one gap of the chain, or in two: a displaced axis line is a twist on the workpiece
-//! side of its joint and the opposite twist on its tool side. A gap has six twists, so the 60 errors of
-//! five axes are combinations of 36 twists, and only the effects of these change from pose to pose.
+//! To first order an error of one unit is a twist in one gap of the chain, or in two: a displaced axis line is a twist
+//! on the workpiece side of its joint and the opposite twist on its tool side. A gap has six twists, so the 60 errors
+//! of five axes are combinations of 36 twists, and only the effects of these change from pose to pose.
 
 use core::fmt;
 

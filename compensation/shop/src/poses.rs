@@ -1,4 +1,6 @@
-//! Poses at which a machine is observed: planned commands from a file, or random poses; motions of the axes to a point.
+//! Poses at which a machine is observed, from a file of planned commands or at random.
+//!
+//! The axes can also be moved so that the actual tip is at a given point.
 
 use std::path::{Path, PathBuf};
 

@@ -1,5 +1,6 @@
-//! Reads a shop file, its truth machine and its observations, and limits the number of readings, which are all in
-//! memory at once.
+//! Reads a shop file, with its truth machine and its observations.
+//!
+//! The number of readings is limited, because all readings are in memory at once.
 
 use std::path::{Path, PathBuf};
 

@@ -60,8 +60,8 @@ pub(crate) const MAX_FRAMES_PER_READ: usize = 256;
 pub trait CanPort: Send {
     fn device(&self) -> &str;
 
-    /// Asks the port for the frames with these identifiers alone; `true`: the identifier has 29 bits. A port may deliver
-    /// others nevertheless, for example those that were already waiting.
+    /// Asks the port to deliver only frames with these identifiers; `true` means that the identifier has 29 bits. The
+    /// port may still deliver other frames, for example frames that were already queued.
     fn accept_only(&mut self, _ids: &[(u32, bool)]) {}
 
     /// Receives the next frame or error report; `None` if none arrived before the deadline. A frame that is already

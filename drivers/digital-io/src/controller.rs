@@ -1,5 +1,6 @@
-//! The controller of a control with digital lines: its axes, whose positions are tracked, and its outputs, which carry
-//! the corrections.
+//! The controller of a control with digital lines.
+//!
+//! The positions of its axes are tracked; its outputs carry the corrections.
 
 use std::time::{Duration, Instant};
 
@@ -408,8 +409,8 @@ impl Outputs {
         if bit == 0 {
             return (word | others, Latching::Taken);
         }
-        // Until a word is confirmed no other one is sent: an earlier equal word would confirm it, while the other one
-        // is still on its way.
+        // No other word is sent before this word is confirmed. Otherwise a reading of an earlier equal word would
+        // confirm it while the other word is still in transit.
         if let Latching::Settling(levels) = self.latching
             && now <= self.latched_by
             && confirmed != levels

@@ -1,6 +1,7 @@
-//! The centre's side of the connection: creates the buckets and streams, publishes the desired states of machines,
-//! detects values that other clients put, and collects the messages of machines in batches. A message stays at the
-//! server until its batch is acknowledged.
+//! The centre's side of the connection to the server.
+//!
+//! It creates the buckets and streams, publishes the desired states of machines, detects values that other clients put,
+//! and collects the messages of machines in batches. A message stays at the server until its batch is acknowledged.
 //!
 //! A key-value bucket is a stream whose name starts with `KV_`. Buckets are created as streams, because the client's
 //! function for buckets requires information that servers of version 2.9 do not return.

@@ -1,4 +1,4 @@
-//! Names of the fleet: machines and their sites, subjects, buckets and streams.
+//! Names in the fleet: machines and their sites, subjects, buckets and streams.
 //!
 //! A machine publishes on its own four subjects, one for each [`Kind`] of message, and reads only its own key.
 

@@ -1,5 +1,6 @@
-//! Executes the read of a cycle: sends its requests and decodes the responses, without allocating. Also finds the
-//! request forms that the control accepts in a cycle.
+//! The read of a cycle: sends its requests and decodes the responses, without allocating.
+//!
+//! It also finds the forms of the requests that the control accepts in a cycle.
 
 use std::time::{Duration, Instant};
 

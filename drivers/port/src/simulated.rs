@@ -1,6 +1,7 @@
-//! A simulated machine that runs a part program, has a true error and warms up. Its control may run a program that
-//! determines the corrections of the axes. The true error is a given function, and independent of the error model under
-//! test.
+//! A simulated machine that runs a part program, has a true error and warms up.
+//!
+//! Its control may run a program that determines the corrections of the axes. The true error is a given function, and
+//! independent of the error model under test.
 
 use std::{
     array,

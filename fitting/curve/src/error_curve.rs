@@ -1,4 +1,4 @@
-//! Errors over one axis, with a branch for each direction of approach, or over a grid of several axes.
+//! The curve of an error: over one axis, with a branch for each direction of approach, or over a grid of several axes.
 
 use alloc::vec::Vec;
 

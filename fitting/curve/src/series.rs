@@ -1,4 +1,4 @@
-//! Series: polynomials, Chebyshev and Fourier series.
+//! Curves that are series: polynomials, Chebyshev series and Fourier series.
 
 use alloc::vec::Vec;
 use core::f64::consts::TAU;

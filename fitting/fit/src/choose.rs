@@ -1,5 +1,4 @@
-//! Kinds of curve, and their automatic choice by the leave-one-out errors of candidates. The same rule serves all
-//! callers.
+//! Kinds of curve, and their automatic choice by the leave-one-out errors of candidates.
 
 use std::fmt;
 

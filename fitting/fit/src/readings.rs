@@ -1,4 +1,6 @@
-//! Readings at targets: checks, scatter, tests against this scatter, and Student quantiles for small numbers of runs.
+//! Readings at targets: their checks, their scatter, and tests against this scatter.
+//!
+//! Student quantiles take small numbers of runs into account.
 
 use crate::{FitError, readings};
 

@@ -1,5 +1,7 @@
-//! Abbe's principle: contribution of angular errors to a linear error that is measured away from its functional point,
-//! and its separation from measurements on parallel lines.
+//! Abbe's principle: the contribution of angular errors to a linear error that is measured away from its functional
+//! point.
+//!
+//! Measurements on parallel lines separate the two.
 
 use nalgebra::{Matrix3, Vector3};
 

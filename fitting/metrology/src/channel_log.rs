@@ -1,5 +1,7 @@
-//! Logs of channels from EPICS `camonitor`, in which each channel has its own time stamps, and a line whenever its
-//! value changes; and readings from such a log, which are the values of the instrument at each standstill of the axis.
+//! Logs of channels from EPICS `camonitor`, and the readings that such a log contains.
+//!
+//! Each channel has its own time stamps, and a line whenever its value changes. A reading is the value of the
+//! instrument at a standstill of the axis.
 
 use std::collections::BTreeMap;
 
@@ -40,7 +42,6 @@ impl ChannelLog {
         self.channels.iter().find(|channel| channel.name == name)
     }
 
-    /// Duration of the log, s.
     pub fn duration_s(&self) -> f64 {
         let last = self.channels.iter().filter_map(|channel| channel.samples.last());
         last.map(|(time, _)| *time).fold(0.0, f64::max)

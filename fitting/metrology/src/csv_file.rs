@@ -1,6 +1,7 @@
-//! Plain tables of readings: one row for each reading, with the header `target,run,direction,deviation` or
-//! `target,deviation`; or one row for each target and one column for each run, with heads such as `Target (mm), Run 1
-//! fwd, Run 1 bwd, …`.
+//! Plain tables of readings, as CSV.
+//!
+//! There is either one row for each reading, with the header `target,run,direction,deviation` or `target,deviation`, or
+//! one row for each target and one column for each run, with heads such as `Target (mm), Run 1 fwd, Run 1 bwd, …`.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fmt::Write as _;
@@ -42,7 +43,6 @@ const OTHER_HEADS: &str = "the header `target,run,direction,deviation` or `targe
 /// others, because the number is probably truncated. Otherwise the missing line break is noted. A run that lacks a
 /// target, and a direction with fewer runs, are noted too.
 ///
-/// # Errors
 /// # Errors
 /// Wrong header or number of columns, cells that are not finite numbers, repeated readings, or an empty file.
 /// Messages name the file, the line, what was found and what was expected.

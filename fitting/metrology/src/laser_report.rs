@@ -1,5 +1,7 @@
-//! Text reports of lasers: HP, Agilent and Keysight 5529/5530, with statistics of each target, and API `.pos`, with
-//! mean errors over the runs, in mm.
+//! Text reports of laser interferometers.
+//!
+//! HP, Agilent and Keysight 5529/5530 reports have statistics of each target. API `.pos` files have mean errors over
+//! the runs, in mm.
 
 use std::fmt::Write as _;
 

@@ -1,5 +1,6 @@
-//! Tables whose columns are assigned by a mapping: the roles of the columns of a table, or of the channels of a log, as
-//! stated in a TOML file.
+//! Tables whose columns are assigned by a mapping.
+//!
+//! The mapping is a TOML file, which states the roles of the columns of a table, or of the channels of a log.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};

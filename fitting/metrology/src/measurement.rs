@@ -1,5 +1,6 @@
-//! Readings of one measurement as plain data: kind of file, units, metadata, environment, means at targets, and the
-//! error motions that titles and file names state.
+//! Readings of one measurement, with their kind of file, units, metadata and environment, as plain data.
+//!
+//! Also their means at targets, and the error motions that titles and file names state.
 
 use volcomp_document::quoted;
 use volcomp_vocabulary::{AxisKind, AxisName, Direction, ErrorName};

@@ -1,5 +1,7 @@
-//! Positioning tests by ISO 230-2, ASME B5.54 and VDI/DGQ 3441: evaluation, editions, requirements on a test, and the
-//! measurement uncertainty by ISO/TR 230-9 and the annex of ISO 230-2:2006 and 2014, expanded with k = 2, in µm.
+//! Positioning tests by ISO 230-2, ASME B5.54 and VDI/DGQ 3441: evaluation, requirements and measurement uncertainty.
+//!
+//! Results are in µm. [`Edition`] is the edition of ISO 230-2. The measurement uncertainty is that of ISO/TR 230-9 and
+//! the annex of ISO 230-2:2006 and 2014, expanded with k = 2.
 
 use volcomp_vocabulary::{AxisKind, AxisName, Direction};
 

@@ -1,10 +1,9 @@
-//! Runs of a measurement: their alignment and their scatter, and the mean curve with its uncertainty if some runs lack
-//! targets.
+//! Runs of a measurement: their alignment, their scatter, and their mean curve with its uncertainty.
 //!
 //! An instrument is zeroed before each run, so each run has a constant offset. A straightness reference is also
 //! realigned, so each run has a slope too. The mean of complete runs contains the mean of these lines. If a run lacks a
-//! target, the mean at this target lacks its line, and the mean would have a step although no run has one. In that case
-//! the lines of the passes are fitted (`Passes`) and removed.
+//! target, the mean at this target lacks the line of the run, and the mean would have a step although no run has a
+//! step. In that case the lines of the passes are fitted (`Passes`) and removed.
 //!
 //! A pass is one run in one direction. Passes have separate lines, because the zero may drift between the two
 //! directions. The lines of a direction add up to zero over the runs that were made in both directions. So the reversal

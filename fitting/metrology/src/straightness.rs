@@ -1,5 +1,7 @@
-//! Straightness and squareness: profiles from bridge readings, the reference lines of ISO 230-1, slopes of the lines,
-//! squareness of two linear axes, and the measurement uncertainty of slopes and squareness (JCGM 100).
+//! Straightness of an axis, and squareness of two linear axes, with their measurement uncertainty.
+//!
+//! Profiles are computed from bridge readings. The reference lines are those of ISO 230-1. The uncertainty of slopes
+//! and squareness follows JCGM 100.
 
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -1,5 +1,7 @@
-//! Text of measurement files: its encoding (UTF-8, or else GBK or Latin-1, which is Windows-1252), decimal commas where
-//! numbers are separated by blanks and tabs, and numbers, which are plain decimal ASCII only.
+//! Text of measurement files: its encoding, its decimal commas and its numbers.
+//!
+//! The encoding is UTF-8, or else GBK or Latin-1, which is read as Windows-1252. Decimal commas are accepted where
+//! numbers are separated by blanks and tabs. Numbers are plain decimal ASCII only.
 
 use std::borrow::Cow;
 

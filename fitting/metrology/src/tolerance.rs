@@ -1,4 +1,4 @@
-//! Quantities of standards, their tolerances, and the decision that takes the measurement uncertainty into account.
+//! Tolerances of the quantities of standards, and the decision that takes the measurement uncertainty into account.
 
 use crate::{DeviationUnit, MetrologyError};
 

@@ -1,5 +1,6 @@
-//! Units of deviations and of targets in files, their conversion to the internal units, and column heads, which are a
-//! name alone, or a name followed by a unit.
+//! Units of deviations and targets in files, and the column heads that state them.
+//!
+//! Values are converted to the internal units. A head is a name alone, or a name followed by a unit.
 
 use volcomp_document::{Column, CsvTable, quoted, split_head, unit_named};
 use volcomp_vocabulary::{AxisKind, Direction};

@@ -1,4 +1,6 @@
-//! CSV table with a header, whose column heads are a name alone, or a name followed by a unit. Rows and cells have their location in the file.
+//! CSV table with a header, whose rows and cells have their location in the file.
+//!
+//! A column head is a name alone, or a name followed by a unit.
 
 use core::ops::Range;
 use std::{

@@ -1,4 +1,6 @@
-//! Errors of input files, and what their messages and all readers need: excerpts, probably meant words, the bound of every number.
+//! Errors of input files, and what all readers need for them.
+//!
+//! These are excerpts, probably meant words, and the bound of every number.
 
 use core::ops::Range;
 

@@ -18,7 +18,6 @@ pub enum PrivateError {
         /// Error of the operating system when opening or reading the file.
         source: io::Error,
     },
-    /// Other users may read the file.
     #[error(
         "{}: found mode {mode:03o}, expected 600: others may read this secret", file.display()
     )]

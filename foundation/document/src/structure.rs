@@ -1,4 +1,4 @@
-//! Deserialises a TOML file by serde, and reports all of its errors with the location of each key.
+//! Deserialises a TOML file with serde, and reports all of its errors with the location of each key.
 
 use core::{
     fmt,

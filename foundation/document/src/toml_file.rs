@@ -1,4 +1,6 @@
-//! TOML file as tables and values that record their location: look-ups for all decoders, kinds of file, and messages about syntax errors.
+//! TOML file as tables and values that record their location, with look-ups for all decoders.
+//!
+//! Also the kinds of file, and messages about syntax errors.
 
 use core::{
     fmt::Display,

@@ -1,5 +1,6 @@
-//! Texts that volcomp writes: keys and values of TOML files, cells of CSV files, and notes, the remarks and warnings for the user that accompany
-//! a result.
+//! Texts that volcomp writes: keys and values of TOML files, cells of CSV files, and notes.
+//!
+//! A note is a remark or a warning for the user that accompanies a result.
 
 use core::fmt::{self, Display, Formatter};
 use std::fmt::Write;

@@ -1,4 +1,6 @@
-//! Axis letters of ISO 841, the two kinds of axis, one value per axis in machine order or in channel order, and coordinates within a range.
+//! Axes: their letters by ISO 841, their two kinds, and their coordinates within a range.
+//!
+//! One value per axis is stored in machine order or in channel order.
 
 use core::{
     fmt,

@@ -1,4 +1,6 @@
-//! Serde format of the vocabulary types, and its JSON Schemas: axes, errors and directions as text, units as numbers.
+//! Serde format of the vocabulary types, and its JSON Schemas.
+//!
+//! Axes, errors and directions are text, units are numbers.
 
 use core::{fmt, marker::PhantomData, str::FromStr};
 

@@ -1,6 +1,8 @@
-//! Requests that a program accepts from a browser: under known host names only, which prevents DNS rebinding, in which another site
-//! resolves its own name to the address of this program; and none that another site sends through the browser without the knowledge of the
-//! user.
+//! Decides which requests of a browser a program accepts.
+//!
+//! Only known host names are accepted, which prevents DNS rebinding, in which another site resolves its own name to the
+//! address of this program. Requests that another site sends through the browser without the knowledge of the user are
+//! detected by [`is_of_another_page`].
 
 use std::{net::IpAddr, time::Duration};
 

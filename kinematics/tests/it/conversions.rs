@@ -1,5 +1,6 @@
-//! Tests of Denavit–Hartenberg tables and zero-position screws against plain products and closed forms, and of
-//! identities of exponential, logarithm and adjoint.
+//! Tests of Denavit–Hartenberg tables and zero-position screws against plain products and closed forms.
+//!
+//! Identities of exponential, logarithm and adjoint are tested as well.
 
 use std::f64::consts::PI;
 

@@ -1,5 +1,6 @@
-//! Compares the three forms with plain matrices, with one another, and with the published two-axis equations of the
-//! error-twist model (Procedia Engineering 24 (2011) 845–849).
+//! Tests of the three forms: against plain matrices, one another, and published two-axis equations.
+//!
+//! The equations are those of the error-twist model (Procedia Engineering 24 (2011) 845–849).
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;

@@ -1,4 +1,4 @@
-//! Tests of structural codes and type numbers, and of coordinates and corrections that are assigned to axes by name.
+//! Tests of structural codes and type numbers, and of values that are assigned to axes by name.
 
 use proptest::prelude::*;
 use volcomp_kinematics::{

@@ -1,4 +1,4 @@
-//! The commands about machines, keys, the server configuration, the audit log and alarms.
+//! Commands for machines: registration, keys, server configuration, audit log and alarms.
 
 use std::{
     collections::BTreeMap,

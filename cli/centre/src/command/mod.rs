@@ -1,4 +1,6 @@
-//! The commands of `volcomp-centre`: their dispatch, users, and the network search.
+//! Dispatches the commands of `volcomp-centre`.
+//!
+//! The commands `user` and `discover` are implemented here, the other commands in submodules.
 
 use std::{
     fmt::Write as _,

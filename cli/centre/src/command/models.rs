@@ -1,4 +1,6 @@
-//! The commands about models and roll-outs. The running centre advances the roll-outs.
+//! Commands for models and their roll-outs.
+//!
+//! A command only stores a request; the running centre advances the roll-outs.
 
 use std::{fmt::Write as _, io::Write as _, path::Path};
 

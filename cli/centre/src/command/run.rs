@@ -1,4 +1,4 @@
-//! Running the centre and its web interface, and checking its configuration and environment.
+//! Runs the centre and its web interface, and checks its configuration and environment.
 
 use std::{
     fmt::Write as _,

@@ -1,11 +1,11 @@
 //! Finds controls, modules and gateways in the given subnets by read requests; nothing is written to any device.
 //!
-//! Results are proposals for the user: no machine is registered here. Responses are untrusted: they are bounded in time and length, and their texts
-//! are sanitized before they are shown.
+//! Only addresses of these subnets are probed. Responses are untrusted: their duration and length are bounded, and
+//! their texts are sanitized before they are shown.
 //!
-//! Only addresses of the given subnets are probed. Possible structures for the axes of a control are proposals for the user, never a decision: a
-//! control reports the letters of its axes but not how they are stacked. The candidates are the types of the generalised model, the most common
-//! designs first.
+//! Results are proposals for the user; no machine is registered here. A control reports the letters of its axes but not
+//! how the axes are stacked. The proposed structures are the types of the generalised model, the most common designs
+//! first.
 
 use std::{
     fmt,

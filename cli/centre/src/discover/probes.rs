@@ -1,6 +1,8 @@
-//! Probes of a network address by read requests: a volcomp gateway by its web page, whose state, if readable without a
-//! token, names the machine that it corrects; a FANUC control by its type, software and axis letters; a Modbus module by
-//! its identification (function 43, MEI type 14).
+//! Probes of a network address by read requests, for a volcomp gateway, a FANUC control and a Modbus module.
+//!
+//! A gateway is identified by its web page; its state, if readable without a token, names the machine that it corrects.
+//! A FANUC control is identified by its type, software and axis letters, a Modbus module by its identification
+//! (function 43, MEI type 14).
 
 use std::{io, net::SocketAddr, sync::Arc, time::Duration};
 

@@ -1,7 +1,8 @@
-//! One pass of the engine: advances roll-outs, raises and closes alarms, maintains the history. Everything here may block on the disk.
+//! One pass of the engine: advances roll-outs, raises and closes alarms, maintains the history. A pass may block on the
+//! disk.
 //!
-//! Each pass feeds every active roll-out with observations and outcomes, and executes its actions. It writes issued values under the keys of the
-//! machines, and restores values that another client has overwritten.
+//! Each pass gives every active roll-out its observations and outcomes, and executes the actions of the roll-out. It
+//! writes issued values under the keys of the machines, and restores values that another client has overwritten.
 
 use std::{
     collections::{BTreeMap, BTreeSet},

@@ -1,5 +1,6 @@
-//! Machines: overview, details and history; registration and removal; alarms and audit log; the network search, one at
-//! a time.
+//! Routes for machines: overview, history, registration and removal, alarms, audit log and network search.
+//!
+//! Only one network search runs at a time.
 
 use std::sync::Arc;
 

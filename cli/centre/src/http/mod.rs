@@ -1,5 +1,7 @@
-//! The web interface and its HTTP API: authorization, requests and responses. All data are read from and written to the store; the running centre
-//! acts on the stored state. Here are the routes with the role each requires, and checks common to all requests.
+//! The web interface and its HTTP API: the routes with the role that each requires, and the checks common to all
+//! requests.
+//!
+//! All data are read from and written to the store; the running centre acts on the stored state.
 
 use std::{sync::Arc, time::Duration};
 

@@ -1,4 +1,7 @@
-//! Models and their roll-outs: status, user requests, return to an earlier model. Downloads of a model: its machine file exactly as signed, and its compensation tables for a control, as `volcomp export` writes them.
+//! Routes for models and their roll-outs: status, user requests, return to an earlier model, downloads.
+//!
+//! A model is downloaded as its machine file, exactly as signed, or as compensation tables for a control, as `volcomp
+//! export` writes them.
 
 use std::{
     collections::{BTreeMap, BTreeSet},

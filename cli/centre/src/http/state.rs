@@ -1,5 +1,7 @@
-//! State shared by the routes: the overview, rebuilt every second; wrong passwords of the last
-//! minute; the last network search; computed error maps.
+//! State shared by the routes.
+//!
+//! It contains the overview, which is rebuilt every second, the wrong passwords and rejected requests of the last
+//! minute, the last network search, and computed error maps.
 
 use std::{
     collections::{BTreeMap, HashMap},

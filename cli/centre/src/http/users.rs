@@ -1,4 +1,7 @@
-//! Login and logout, passwords and user management. Authentication: the session of the cookie, the role that a route requires, and protection against cross-site requests.
+//! Routes for login, passwords and user management, and the authentication of every request.
+//!
+//! A request is authenticated by the session of its cookie and the role that its route requires. Cross-site requests
+//! are rejected.
 
 use std::{net::SocketAddr, sync::Arc};
 

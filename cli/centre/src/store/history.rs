@@ -1,8 +1,9 @@
-//! History of conditions: every condition for a day, one-minute means for a month, one-hour means indefinitely. Also
-//! the telemetry, the audit records of machines, and their gateway instances.
+//! History of the machines: conditions, telemetry, audit records, gateway instances and alarms.
 //!
-//! Conditions are collected in `recent` until their minute is closed. Closing it adds one row to `raw` and one to `minutes`, and updates the hour,
-//! in one transaction. Each condition is thus written exactly twice, and the database stays consistent after a crash.
+//! By default (`Retention`), every condition is kept for a day, one-minute means for a month, and one-hour means
+//! indefinitely. Conditions are collected in `recent` until their minute is closed. Closing it adds one row to `raw`
+//! and one to `minutes`, and updates the hour, in one transaction. Each condition is thus written exactly twice, and
+//! the database stays consistent after a crash.
 //!
 //! Alarms are open until their cause has ended.
 

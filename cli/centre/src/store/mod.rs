@@ -1,4 +1,4 @@
-//! The store: persistent data of the centre in a SQLite file.
+//! The store: persistent data of the centre in an SQLite file.
 //!
 //! State: two connections to the database, one for writing and one for reading. Every function blocks on the disk, so
 //! asynchronous programs call it on a blocking thread. Several programs may open the same database.
@@ -7,8 +7,7 @@
 //! not write, or a change is rejected (full disk, locked by another program). Other errors are documented at each
 //! function.
 //!
-//! Parameters of statements are `?1`, `?2`, …; most rows hold
-//! JSON documents.
+//! Parameters of statements are `?1`, `?2`, …; most rows hold JSON documents.
 
 use std::{
     fs,

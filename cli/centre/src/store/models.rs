@@ -1,6 +1,7 @@
-//! Models, their issued versions, and each machine's newest version, which is the value under its key.
+//! Models, their issued versions, and roll-outs.
 //!
-//! Roll-outs: any program may store a request; the running centre processes it and advances the roll-outs.
+//! The value under the key of a machine is its newest version. Any program may store a request for a roll-out; the
+//! running centre processes it and advances the roll-outs.
 
 use std::collections::{BTreeMap, HashMap};
 

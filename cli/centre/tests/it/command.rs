@@ -1,4 +1,4 @@
-//! The command line and the configuration without a server: output and exit status.
+//! Tests of the commands and the configuration without a server: output and exit status.
 
 use std::{
     io::{BufRead, BufReader},

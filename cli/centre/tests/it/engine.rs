@@ -1,6 +1,7 @@
-//! A centre, a real `nats-server` and gateways end to end, with failures of each. Roll-outs with concurrent actions of
-//! users and the centre, stops and aborts. The demonstration: three simulated machines compensate, and the folder is
-//! removed at the end.
+//! Tests of a running centre, end to end with a real `nats-server` and gateways.
+//!
+//! Each part fails in turn, users act while the centre acts, and roll-outs are stopped and aborted. In the
+//! demonstration three simulated machines compensate, and its folder is removed at the end.
 
 use std::{
     io::{Read, Write},
@@ -403,8 +404,8 @@ fn a_foreign_value_put_while_the_centre_was_down_raises_an_alarm() {
     });
 }
 
-/// The database is an older copy: newer values at the server stay, also the one with whose version another one was issued meanwhile, until a higher
-/// version is issued.
+/// The database is an older copy. A newer value at the server stays until a higher version is issued, even if another
+/// value was issued under the same version meanwhile.
 #[test]
 fn a_restored_database_replaces_no_newer_value() {
     Shop::run(1, 2, async |shop| {

@@ -1,4 +1,4 @@
-//! The centre: its rules, its store, and end to end with a real `nats-server`.
+//! Tests of the centre: its rules, its store, and end to end with a real `nats-server`.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test fails by panicking")]
 

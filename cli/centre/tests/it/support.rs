@@ -1,4 +1,4 @@
-//! Common test data: gateway messages, machines, models; a web interface with its own store, and a client.
+//! Common test data: gateway messages, machines and models, and a web interface with its own store and a client.
 
 use std::{
     collections::BTreeMap,

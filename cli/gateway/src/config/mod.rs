@@ -1,5 +1,6 @@
-//! The configuration of a gateway and of a map sender: TOML, parsed with serde. Every rule is checked: all errors are
-//! reported at once, with file, line and key.
+//! The configuration of a gateway and of a map sender: TOML, parsed with serde.
+//!
+//! Every rule is checked, and all errors are reported at once, with file, line and key.
 
 use std::{
     net::SocketAddr,
@@ -723,7 +724,6 @@ fn fleet(own: &FleetConfig, found: &mut Mistakes<'_>) {
 /// Maximum time after the last frame until a control ramps to zero, s.
 const LONGEST_SILENCE_S: f64 = 60.0;
 
-/// The configuration of a map sender.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MapSender {
     /// File name used in messages.

@@ -1,5 +1,7 @@
-//! The JSON documents of the gateway, as plain structs: the state, responses to requests, records of the audit log, the
-//! plan printed by `check --json`, and the history and error map of the dashboard.
+//! The JSON documents of the gateway, as plain structs.
+//!
+//! They are the state, the responses to requests, the records of the audit log, the plan printed by `check --json`, and
+//! the history and error map of the dashboard.
 //!
 //! These structs alone define the shape of the documents. `volcomp-gateway schema FOLDER` writes their JSON Schemas.
 

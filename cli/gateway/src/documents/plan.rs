@@ -1,4 +1,4 @@
-//! The documents of `check --json` (the plan that follows from a configuration) and of `rehearse --json`.
+//! The JSON documents of `check`, which is the plan that follows from a configuration, and of `rehearse`.
 
 use std::collections::BTreeMap;
 

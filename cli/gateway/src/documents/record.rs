@@ -1,4 +1,4 @@
-//! The records of the audit log, and the same records in words, each with what the operator can do about it.
+//! The records of the audit log, and their texts with advice to the operator.
 
 use std::{collections::BTreeMap, fmt::Write};
 

@@ -1,12 +1,13 @@
-//! Applies the manifests of the centre. A value of the machine's key is judged by its signature, addressee and version,
-//! never by time. Manifests are activated one at a time, in four steps: store the manifest, store the machine file,
-//! request the activation from the service, store the activation.
+//! Applies the manifests of the centre.
+//!
+//! A value of the machine's key is judged by its signature, addressee and version, never by time. Manifests are
+//! activated one at a time, in four steps: store the manifest, store the machine file, request the activation from the
+//! service, store the activation.
 //!
 //! A manifest that forbids correcting takes effect before anything is written or fetched. Failures of the disk, the
-//! server or the cycle are retried; refusals are not.
+//! server or the cycle are retried; refusals are final.
 //!
-//! [`Store`] is the folder of accepted manifests: the newest one, the active one, and their machine files.
-//!
+//! [`Store`] is the folder of accepted manifests: the newest one, the active one, and their machine files. Its file
 //! `standing.json` records the versions of the newest and the active manifest, and is replaced atomically. Manifests
 //! are stored as signed, so that only content signed by a trusted key is used; a machine file is identified by its
 //! checksum. A manifest is on disk before its version counts, and the version is on disk before it has any effect.

@@ -1,11 +1,10 @@
-//! The machine as a member of a fleet: it applies manifests from its centre, signed by trusted keys, and reports to the
-//! centre.
+//! The machine as a member of a fleet: it applies manifests of its centre, and reports to the centre.
 //!
-//! One thread receives and activates manifests, the other sends reports. Neither affects the cycle: like the dashboard,
-//! they send requests to the service and read its published state. A disk that hangs delays neither the order to disarm
-//! nor the service.
+//! Manifests are signed by trusted keys. One thread receives and activates manifests, the other sends reports. Neither
+//! affects the cycle: like the dashboard, they send requests to the service and read its published state. A disk that
+//! hangs delays neither the order to disarm nor the service.
 //!
-//! State: the folder of `store` and the queue of messages to the server.
+//! State: the folder of accepted manifests, and the queue of messages to the server.
 
 use std::{
     io,

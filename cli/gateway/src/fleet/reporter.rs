@@ -1,7 +1,8 @@
-//! Sends conditions, complete states, audit-log records and acknowledgements to the centre, and retries each until the
-//! server has stored it. While the server is unreachable, a limited number of messages is queued in memory and on disk.
-//! A disk that is full or hangs delays only this thread. Records are read from the files of the audit log, so only
-//! records on disk are sent, in log order.
+//! Sends conditions, complete states, audit-log records and acknowledgements to the centre.
+//!
+//! Each message is retried until the server has stored it. While the server is unreachable, a limited number of
+//! messages is queued in memory and on disk. A disk that is full or hangs delays only this thread. Records are read
+//! from the files of the audit log, so only records on disk are sent, in log order.
 
 use std::{
     collections::VecDeque,

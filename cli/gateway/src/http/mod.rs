@@ -1,4 +1,4 @@
-//! The web server of the dashboard: pages, state, events, history, metrics and requests.
+//! The web server of the dashboard: pages, state, events, history, metrics, requests, and uploads of models.
 
 use std::{
     convert::Infallible,

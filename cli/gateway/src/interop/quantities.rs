@@ -1,5 +1,6 @@
-//! The table of the gateway's quantities. Prometheus, MTConnect and OPC UA are generated from it, so a new quantity
-//! needs one row. Active alarms, by place, level and code.
+//! The table of the gateway's quantities, and the active alarms by place, level and code.
+//!
+//! Prometheus, MTConnect and OPC UA are generated from the table, so a new quantity needs one row.
 
 use std::collections::BTreeSet;
 

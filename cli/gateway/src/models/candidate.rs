@@ -1,6 +1,8 @@
-//! The uploaded machine file. The file is received in memory, then parsed and compared with the active model on a
-//! low-priority thread. Only one candidate exists at a time. Requests refer to it by its id, so that an engineer does
-//! not activate another engineer's file unseen.
+//! The candidate: the uploaded machine file that may become the next model.
+//!
+//! The file is received in memory, then parsed and compared with the active model on a low-priority thread. Only one
+//! candidate exists at a time. Requests refer to it by its id, so that an engineer does not activate another engineer's
+//! file unseen.
 //!
 //! Invariant: the candidate is written to disk only when it is activated. A candidate does not survive a restart.
 

@@ -1,8 +1,8 @@
-//! A checked configuration: everything that can be determined without opening a device. The gateway opens a plan,
-//! `check` prints it, and a reload compares it with the running one.
+//! The plan: a checked configuration, with everything that can be determined without opening a device.
 //!
-//! It is checked before any device is opened: folders, sensor names, overlapping memory blocks, positions
-//! and states that no controller reports, and tables that this build does not support.
+//! The gateway opens a plan, `check` prints it, and a reload compares it with the running one. The checks cover
+//! folders, sensor names, overlapping memory blocks, positions and states that no controller reports, and tables that
+//! this build does not support.
 
 use std::{io, path::Path, sync::Arc, time::Duration};
 

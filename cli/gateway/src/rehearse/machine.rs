@@ -1,5 +1,6 @@
-//! The simulated machine that replaces a configured controller, and the connection to it; the catalogue of faults of
-//! the machine, the connection and the gateway.
+//! The simulated machine that replaces a configured controller, its connection, and the catalogue of faults.
+//!
+//! The faults are those of the machine, the connection and the gateway.
 
 use std::{
     sync::{
@@ -362,7 +363,7 @@ fn moves(model: &Model, plan: &PathPlan, rapid: &Rapid) -> (Vec<Move>, f64) {
     let all = (1_usize << axes) - 1;
     let corner = (0..=all).max_by(|a, b| size(*a).total_cmp(&size(*b))).unwrap_or(0);
     let travelled = |place: usize| at(all ^ corner, place) - at(corner, place);
-    // The guard does not believe positions of an axis that is faster.
+    // The guard rejects the positions of an axis that is faster.
     let reach = |place: usize| {
         let kind = model.axes[plan.machine_axis[place]].kind();
         rapid.per_s(kind).mm_or_rad() * MOVE_S / travelled(place).abs()
@@ -429,7 +430,6 @@ fn count(number: f64) -> i16 {
     number.clamp(0.0, f64::from(i16::MAX)) as i16
 }
 
-/// A fault of the catalogue.
 #[derive(Clone, Copy, Debug)]
 pub struct Fault {
     /// Name, as given to `--fault`.

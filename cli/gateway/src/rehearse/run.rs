@@ -1,5 +1,6 @@
-//! A gateway on a simulated machine with simulated time: start, arming, faults and observation;
-//! comparison of the motion of the axes with the rules.
+//! Runs a gateway on a simulated machine with simulated time, and compares the motion of the axes with the rules.
+//!
+//! A run consists of start, arming, faults and observation.
 
 use std::{
     sync::{Arc, atomic::Ordering},

@@ -1,7 +1,7 @@
-//! The work around the control thread that has no deadline: requests, audit log, reloads, publication of the state, proof
-//! of life for the service manager's watchdog.
+//! The service: the work around the control thread that has no deadline.
 //!
-//! The service never waits for a disk: the [`AuditWriter`] writes and the worker reads.
+//! This is requests, audit log, reloads, publication of the state, and proof of life for the service manager's
+//! watchdog. The service never waits for a disk: the [`AuditWriter`] writes and the worker reads.
 
 use std::{
     collections::VecDeque,

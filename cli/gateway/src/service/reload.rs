@@ -1,6 +1,8 @@
-//! Reloads the configuration and the machine file while the gateway runs, in three steps: read and compare, record,
-//! apply. Models of the fleet's centre and models selected by an operator take the same steps, with the same
-//! confirmation and ramp. They do not override an operator's decision to disarm.
+//! Reloads the configuration and the machine file while the gateway runs.
+//!
+//! A reload has three steps: read and compare, record, apply. Models of the fleet's centre and models selected by an
+//! operator take the same steps, with the same confirmation and ramp. They do not override an operator's decision to
+//! disarm.
 
 use std::{
     path::PathBuf,

@@ -1,6 +1,7 @@
-//! Pending requests, which advance independently. Arming and reloading wait for the disk and are executed one at a time:
-//! arming in three steps here (compare the model and limits with those armed last, write the record, give the order),
-//! reloading in `reload`.
+//! Pending requests of the service, which advance independently.
+//!
+//! Arming and reloading wait for the disk and are executed one at a time. Arming has three steps: compare the model and
+//! limits with those armed last, write the record, give the order. Reloading is in the module `reload`.
 
 use std::{
     collections::BTreeMap,

@@ -1,5 +1,7 @@
-//! State that survives a restart: an unacknowledged fault, a disarm by an operator, jumped temperatures and positions,
-//! and interlocks that were not seen to clear.
+//! State that survives a restart.
+//!
+//! It consists of an unacknowledged fault, a disarm by an operator, jumped temperatures and positions, and interlocks
+//! that were not seen to clear.
 
 use std::{
     collections::BTreeMap,

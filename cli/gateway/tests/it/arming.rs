@@ -1,6 +1,7 @@
-//! Conditions that prevent manual or automatic arming, and requests while the control thread hangs. Every request in
-//! every state gets status 200 if it took effect, otherwise 409 with the reason. Disarming and stopping work in every
-//! state.
+//! Arming: the conditions that prevent it, manual or automatic, and every request in every state.
+//!
+//! A request gets status 200 if it took effect, otherwise 409 with the reason. Disarming and stopping work in every
+//! state, also while the control thread hangs.
 
 use std::{path::Path, sync::atomic::Ordering, time::Duration};
 

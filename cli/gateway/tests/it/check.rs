@@ -1,5 +1,6 @@
-//! `check` prints effective values, not the configured ones, and compares them with the control if asked; its texts in a
-//! terminal; the other commands: `status`, `tls-init`.
+//! The output of `check`, `status` and `tls-init`.
+//!
+//! `check` prints effective values instead of the configured ones, and on request compares them with the control.
 
 use std::{
     path::Path,

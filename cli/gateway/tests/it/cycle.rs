@@ -1,4 +1,4 @@
-//! Arming, following and fallback; single faults injected into the cycle, and their effect on the correction.
+//! The cycle of a gateway: arming, following and fallback, and the effect of single faults on the correction.
 
 use std::{
     collections::BTreeMap,

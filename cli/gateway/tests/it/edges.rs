@@ -1,11 +1,12 @@
-//! The motion of an axis itself when a program or a path fails, with and without a barrier. Whatever happens to the
-//! program, an axis never moves by more than the barrier's rate in one scan; without a barrier it would make the whole
-//! change in one step. The rehearsal covers faults of the connection and of the control
+//! Motion of an axis when a program or a path to the control fails, with and without a barrier.
+//!
+//! Whatever happens to the program, an axis never moves by more than the barrier's rate in one scan; without a barrier
+//! it would make the whole change in one step. The rehearsal covers faults of the connection and of the control
 //! (`with_a_barrier_no_fault_is_excepted`).
 //!
-//! Two paths to one machine, and the state stored by the previous run: an axis must not step when a path stops
-//! responding, reports less than the other, or was changed in between. Two mailboxes of one barrier are used in turn:
-//! one path sends frames, the other path uses plain digital lines.
+//! With two paths to one machine, and with the stored state of the previous run, an axis must not step when a path
+//! stops responding, reports less than the other path, or was changed in between. Two mailboxes of one barrier are used
+//! in turn: one path sends frames, the other path uses plain digital lines.
 //!
 //! The tests of the program repeat a few times, or `VOLCOMP_REPEATS` times.
 

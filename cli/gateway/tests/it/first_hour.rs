@@ -1,5 +1,7 @@
-//! `init`, `token`, `arm`, `disarm`, `acknowledge`, `service` and `completions`: from no configuration to a gateway
-//! that corrects. The shipped configurations with the simulated control, run by the commands in their comments.
+//! The first hour: from no configuration to a gateway that corrects.
+//!
+//! The commands are `init`, `token`, `arm`, `disarm`, `acknowledge`, `service` and `completions`. The shipped
+//! configurations are run with the simulated control, by the commands in their comments.
 
 use std::{
     fs,

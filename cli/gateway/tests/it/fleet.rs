@@ -1,10 +1,12 @@
-//! A machine of a fleet with a real `nats-server` and a simulated control. Manifests are accepted or rejected, and no
-//! axis steps. Faults of a fleet: no server, a full disk, damaged files, wrong clocks, a duplicated machine.
+//! A machine of a fleet, with a real `nats-server` and a simulated control.
 //!
-//! The network between a machine and its centre is cut: each side is in a separate network namespace, connected by a
-//! pair of virtual cards. The frames of one or both directions are lost without an error, as with a failing switch.
-//! Each of these tests starts itself again in the namespace of the site. The centre, its server and its page are
-//! started in the other namespace. Namespaces and cards end with the programs in them.
+//! Manifests are accepted or rejected, and no axis steps. The faults are: no server, a full disk, damaged files, wrong
+//! clocks, a duplicated machine, and a cut network between the machine and its centre.
+//!
+//! For the cut network, each side is in a separate network namespace, connected by a pair of virtual cards. The frames
+//! of one or both directions are lost without an error, as with a failing switch. Each of these tests starts itself
+//! again in the namespace of the site. The centre with its server and web interface is started in the other namespace.
+//! Namespaces and cards end with the programs in them.
 
 use std::{
     collections::{BTreeMap, BTreeSet},

@@ -1,5 +1,6 @@
-//! The whole fleet: the centre's own program, command line and page, a real `nats-server` on the configuration that
-//! `nats-config` prints, and gateways on simulated machines.
+//! The whole fleet: the centre's program, command line and web interface, a real `nats-server`, and gateways.
+//!
+//! The server runs on the configuration that `nats-config` prints. The machines of the gateways are simulated.
 
 use std::{
     io::Write,

@@ -1,5 +1,7 @@
-//! The published state, as other systems read it: its quantities, JSON documents that match their schemas, and every
-//! path to the control: active, standby, and unknown values.
+//! The published state of the gateway, as other systems read it.
+//!
+//! Every quantity has a key and a value of its kind, JSON documents match their schemas, and every path to the control
+//! is shown: active, standby, and with unknown values.
 
 use std::path::{Path, PathBuf};
 

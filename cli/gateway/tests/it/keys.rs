@@ -1,5 +1,6 @@
-//! The keys of a configuration. A key without effect for a kind of controller is rejected, and the message names the
-//! key. Errors in the table `[fleet]`.
+//! The keys of a configuration, with every kind of controller and for `[fleet]`.
+//!
+//! A key without effect for a kind of controller is rejected, and the message names the key.
 
 use std::path::Path;
 

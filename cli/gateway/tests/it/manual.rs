@@ -1,6 +1,7 @@
-//! A complete gateway in this process, on a simulated machine and clock. Cycle, service, audit log, models and files
-//! are those of the program, and nothing waits for real time. [`Served`] adds the dashboard, for clients over HTTP and
-//! other protocols.
+//! A complete gateway in this process, on a simulated machine and clock.
+//!
+//! Cycle, service, audit log, models and files are those of the program, and nothing waits for real time. [`Served`]
+//! adds the dashboard, for clients over HTTP and other protocols.
 
 use std::{
     ops::Deref,

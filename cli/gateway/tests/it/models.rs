@@ -1,6 +1,7 @@
-//! New models over HTTP: upload, confirmation, activation through the ramp without a step, reverting. Files that are no
-//! model of this machine, and users who may not upload one, are rejected. Uploaded files are limited in size, and only
-//! in memory until activation.
+//! New models over HTTP: upload, confirmation, activation through the ramp without a step, reverting.
+//!
+//! A file that is not a model of this machine is rejected, and so is an upload by a user without the required role.
+//! Uploaded files are limited in size, and only in memory until activation.
 
 use std::{
     io::{Read, Write},

@@ -79,8 +79,8 @@ fn the_simulation_lives_and_the_service_manager_is_notified() {
     assert_eq!(program.end(), Some(0));
 }
 
-/// The log goes to a full disk, to a pipe whose reader has ended, or to a full pipe that nobody reads. The gateway
-/// corrects all the same, and ramps out at its end.
+/// The log goes to a full disk, to a pipe whose reader has ended, or to a full pipe whose reader has stopped. The
+/// gateway corrects nevertheless, and ramps out at its end.
 #[test]
 fn a_log_that_cannot_be_written_ends_nothing() {
     let full = "2> >(exec tail --pid=$$ -f /dev/null); timeout 2 head -c 65536 /dev/zero >&2";

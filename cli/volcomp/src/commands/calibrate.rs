@@ -1,4 +1,4 @@
-//! `volcomp calibrate`, and its draft of a calibration file.
+//! `volcomp calibrate`: calibrates a machine from a calibration file, or drafts such a file.
 
 use std::{
     fmt::Write as _,

@@ -1,5 +1,6 @@
-//! `volcomp demo`: from laser files to a corrected machine, on a simulated gantry of published size. The results are
-//! compared with those of the paper on such a gantry (10.1177/0954405416645985).
+//! `volcomp demo`: from laser files to a corrected machine, on a simulated gantry of published size.
+//!
+//! The results are compared with those of the paper on such a gantry (10.1177/0954405416645985).
 
 use std::path::{Path, PathBuf};
 

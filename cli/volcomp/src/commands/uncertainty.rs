@@ -1,5 +1,6 @@
-//! The option `--uncertainty`: Monte Carlo samples from a calibration or from observations of the same machine, and the errors that it does not
-//! include because the observations do not determine them.
+//! The option `--uncertainty`: Monte Carlo samples from a calibration or from observations of the same machine.
+//!
+//! The samples do not include errors that the observations do not determine; these errors are listed.
 
 use std::path::{Path, PathBuf};
 

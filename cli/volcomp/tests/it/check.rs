@@ -1,4 +1,6 @@
-//! `volcomp check`, and the provenance of errors in the machine file, as `calibrate` writes it and `check` prints and compares it.
+//! `volcomp check`, and the provenance of errors in the machine file.
+//!
+//! `calibrate` writes the provenance; `check` prints it and compares it with the named files.
 
 use std::{fs, path::Path};
 

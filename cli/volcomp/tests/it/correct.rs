@@ -1,5 +1,7 @@
-//! Positions on the command line and in CSV files, and their corrections: headers with units, copied columns, typing errors, corrected
-//! positions, positions outside the range, and another machine as truth.
+//! Positions on the command line and in CSV files, and their corrections.
+//!
+//! The cases are headers with units, copied columns, typing errors, corrected positions, positions outside the range,
+//! and another machine as truth.
 
 use std::fs;
 

@@ -1,4 +1,6 @@
-//! Every command: its help has two examples and every example runs; no text output on an example is wider than 80 columns; every JSON
+//! Rules that hold for every command.
+//!
+//! The help has two examples, and every example runs. No text output on an example is wider than 80 columns. Every JSON
 //! document agrees with its schema.
 
 use std::{

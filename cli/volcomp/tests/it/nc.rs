@@ -1,5 +1,6 @@
-//! NC programs: the example, rejected results, wrong calls, and parts cut by a virtual machine and compensated by a model that is identified
-//! only from measurements of that machine.
+//! `volcomp nc`: the examples, rejected results and wrong calls, and the parts that a virtual machine cuts.
+//!
+//! The compensating model is identified only from measurements of the virtual machine.
 
 use std::{fs, path::Path};
 

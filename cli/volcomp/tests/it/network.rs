@@ -1,5 +1,4 @@
-//! Commands that use the network: `volcomp probe` of a simulated control, and `volcomp studio` as a program, its output and the page that it
-//! serves.
+//! Commands that use the network: `volcomp probe` on a simulated control, and `volcomp studio` with its page.
 
 use std::{
     fs,

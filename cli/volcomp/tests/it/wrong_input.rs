@@ -1,5 +1,7 @@
-//! Wrong calls, files, units and numbers: status 2, a message that names what was found and the likely intention, nothing on standard output,
-//! and no file written.
+//! Wrong calls, files, units and numbers.
+//!
+//! The exit status is 2, the message names what was found and the likely intention, nothing is on standard output, and
+//! no file is written.
 
 use std::{fs, path::Path};
 

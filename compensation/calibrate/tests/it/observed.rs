@@ -1,5 +1,7 @@
-//! Lines together with observations of the whole machine: the unknown location errors are identified, and their contributions removed
-//! from the lines, which were measured relative to the commanded pose.
+//! Lines together with observations of the whole machine.
+//!
+//! The unknown location errors are identified. Their contributions are removed from the lines, which were measured
+//! relative to the commanded pose.
 
 use std::{fmt::Write as _, path::Path};
 

@@ -1,5 +1,6 @@
-//! Choice of the correcting axes, and their correction: the exact correction, that of the compiled machine and a plain
-//! singular value decomposition agree for oblique directions, secondary axes U V W, any choice of axes and any pose.
+//! The exact correction, that of the compiled machine and a plain singular value decomposition agree.
+//!
+//! The cases are oblique directions, secondary axes U V W, any choice of correcting axes, and any pose.
 
 use nalgebra::{DMatrix, DVector, Vector3};
 use rand::{RngExt, SeedableRng, seq::SliceRandom};

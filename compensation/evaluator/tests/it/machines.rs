@@ -1,5 +1,6 @@
-//! The compiled evaluator compared with the exact form on curve objects, for every type of machine, and with its source; batches and grids
-//! of poses equal single poses.
+//! The compiled machine equals its source and the exact form on curve objects, for every type of machine.
+//!
+//! Batches and grids of poses equal single poses.
 
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};

@@ -1,5 +1,6 @@
-//! Faults at the interfaces of the guard: read-back, also in separate messages, late writes, stored corrections. Each test checks the motion of
-//! the axes with and without a barrier.
+//! Faults at the interfaces of the guard: read-back, late writes, and stored corrections.
+//!
+//! A read-back may arrive in separate messages. Each test checks the motion of the axes with and without a barrier.
 
 use std::{f64::consts::TAU, time::Duration};
 

@@ -1,4 +1,6 @@
-//! Limits and accelerations change, also at random, while a correction is applied: the whole vector returns on one straight line.
+//! Limits and accelerations that change while a correction is applied, also at random.
+//!
+//! The whole vector returns on one straight line.
 
 use std::time::Duration;
 

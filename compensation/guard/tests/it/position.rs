@@ -1,4 +1,6 @@
-//! A position is accepted only within the travel and within reach of the axis; the direction of travel.
+//! Accepted and rejected positions of an axis, and its direction of travel.
+//!
+//! A position is accepted only within the travel and within reach of the axis.
 
 use std::{collections::VecDeque, f64::consts::TAU, time::Duration};
 

@@ -1,6 +1,7 @@
-//! Random sequences of all faults on machines of three and five axes with one to three paths to their control, driven as by a gateway. The motion
-//! of the axes is checked after every write and scan: no axis steps, or exceeds its slew or limit. `VOLCOMP_SEQUENCES` is the number of
-//! sequences, `VOLCOMP_CYCLES` their length.
+//! Random sequences of all faults, on machines of three and five axes with one to three paths to their control.
+//!
+//! The paths are driven as by a gateway. The motion of the axes is checked after every write and scan: no axis steps,
+//! or exceeds its slew or limit. `VOLCOMP_SEQUENCES` is the number of sequences, `VOLCOMP_CYCLES` their length.
 
 use std::{collections::VecDeque, time::Duration};
 

@@ -1,5 +1,6 @@
-//! A barrier behind a slow path: limits, path or direction change before the sent corrections are confirmed; controls whose program is slower
-//! than configured, or has stopped.
+//! A barrier behind a slow path, and controls whose program is slower than configured or has stopped.
+//!
+//! Limits, path or direction change before the sent corrections are confirmed.
 
 use std::time::Duration;
 

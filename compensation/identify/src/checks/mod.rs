@@ -1,5 +1,7 @@
-//! Plausibility checks. Limits are stated for usual machine tools and scale with the extent of the rows. Observations
-//! are checked before the fit, also those that a program builds: numbers, sizes, implausible units and directions.
+//! Plausibility checks of observations before the fit: numbers, sizes, implausible units and directions.
+//!
+//! Observations that a program builds are checked as well. Limits are stated for usual machine tools and scale with the
+//! extent of the rows.
 
 pub(crate) mod result;
 

@@ -1,4 +1,4 @@
-//! Checks of the result: rejection of rows that no machine explains, and warnings about results that could mislead.
+//! Checks of the result: rejects rows that no machine explains, and warns about results that could mislead.
 
 use std::collections::BTreeSet;
 

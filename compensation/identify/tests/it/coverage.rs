@@ -1,5 +1,6 @@
-//! Coverage of the stated uncertainties, and Monte Carlo samples from the covariance, compared with repeated
-//! identifications from new readings.
+//! Coverage of the stated uncertainties, and the spread of Monte Carlo samples from the covariance.
+//!
+//! The samples are compared with repeated identifications from new readings.
 
 use volcomp_identify::{Identification, IdentifyError, MachineSampler, identify, machine_with};
 use volcomp_kinematics::Form;

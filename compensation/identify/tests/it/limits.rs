@@ -1,5 +1,6 @@
-//! Limits of observations: numbers in files and from programs, distances that scale with the machine; the reader does
-//! not panic on any text.
+//! Limits of the numbers of observations, in files and from programs.
+//!
+//! Limits of distances scale with the machine. The reader does not panic on any text.
 
 use std::path::Path;
 

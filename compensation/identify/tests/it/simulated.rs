@@ -1,3 +1,5 @@
+//! Observations of simulated machines, whose errors the identification must find.
+
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::process::Command;

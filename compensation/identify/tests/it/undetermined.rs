@@ -1,5 +1,7 @@
-//! Undetermined unknowns: combinations without effect, unknowns below the noise, lines of sight, and positions of
-//! spheres that separate the once-per-turn run-out of a table from the sphere positions.
+//! Unknowns that the observations do not determine.
+//!
+//! These are combinations without effect, unknowns below the noise, and unknowns along a line of sight. Only some
+//! positions of spheres on a table separate its once-per-turn run-out from the sphere positions.
 
 use std::fmt::Write as _;
 

@@ -1,5 +1,6 @@
-//! The volumetric error over poses of all axes, compared with a brute-force search over random poses; the best-fit rigid motion, compared with
-//! known rigid motions and a dense singular value decomposition.
+//! The volumetric error over poses of all axes, compared with a brute-force search over random poses.
+//!
+//! The best-fit rigid motion is compared with known rigid motions and a dense singular value decomposition.
 
 use std::fmt::Write as _;
 

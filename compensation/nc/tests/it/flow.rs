@@ -1,4 +1,6 @@
-//! O-words, and subroutines in separate files: calls with equal corrections are copied, others unrolled.
+//! Program flow: O-words, subroutines in the program and in separate files.
+//!
+//! Calls with equal corrections are copied, others are unrolled.
 
 use std::{fs, path::PathBuf};
 

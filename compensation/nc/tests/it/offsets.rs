@@ -1,5 +1,6 @@
-//! Work offsets and shifts on LinuxCNC, with values of its interpreter (`rs274 -g`); the note on the error at a zero that was probed without
-//! correction, compared with closed forms.
+//! Work offsets and shifts on LinuxCNC, with values of its interpreter (`rs274 -g`).
+//!
+//! The note on the error at a zero that was probed without correction is compared with closed forms.
 
 use volcomp_model::Machine;
 use volcomp_nc::{Dialect, SetUp, Strategy, Verification};

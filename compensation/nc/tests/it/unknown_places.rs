@@ -1,6 +1,8 @@
-//! Positions that only the control knows. Values that are not stated are assumed to be zero, but no word may move an axis to an assumed
-//! position. The behaviour of controls is worked out by hand, for LinuxCNC by its interpreter (`rs274 -g`). Skippable blocks (/) also
-//! leave unknown positions: the result is right whether the operator skips them or not.
+//! Positions that only the control knows.
+//!
+//! Values that are not stated are assumed to be zero, but no word may move an axis to an assumed position. Skippable
+//! blocks (/) also leave unknown positions: the result is right whether the operator skips them or not. The behaviour
+//! of controls is worked out by hand, for LinuxCNC by its interpreter (`rs274 -g`).
 
 use volcomp_model::Machine;
 use volcomp_nc::{Dialect, NcError, SetUp, Summary};

@@ -1,4 +1,5 @@
-//! The sections of the page: curves, positioning tests, squareness, diagonals and maps, results of the whole machine.
+//! The sections of the page: curves, positioning tests, squareness, diagonals and maps, and results of the whole
+//! machine.
 
 use volcomp_fit::BandSource;
 use volcomp_metrology::{Approach, TargetRow};

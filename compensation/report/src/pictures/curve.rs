@@ -1,4 +1,6 @@
-//! Pictures of errors: readings, curve and band with the residuals below; residuals of an identification; effects.
+//! Pictures of error curves, of the residuals of an identification, and of the effects of errors.
+//!
+//! The picture of a curve has its readings and band, with the residuals below.
 
 use volcomp_fit::BandSource;
 use volcomp_identify::FileResiduals;

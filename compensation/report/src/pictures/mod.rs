@@ -1,4 +1,4 @@
-//! Pictures of results: the plots of the report, and the files that the commands draw.
+//! Pictures of results, for the report and for the files that the commands draw.
 
 mod curve;
 mod iso230;

@@ -9,7 +9,8 @@ use super::{
 const MARGINS: [f64; 4] = [52.0, 12.0, 18.0, 40.0];
 /// Number of colours of the deviated path.
 const COLOURS: usize = 24;
-/// Radius of the dot that marks a hole seen along its axis, in picture units; a motion shorter than that is drawn as such a dot.
+/// Radius of the dot that marks a hole seen along its axis, in picture units. A motion shorter than this radius is
+/// drawn as the same dot.
 const HOLE: f64 = 3.0;
 
 /// Position on a path, with its deviation.

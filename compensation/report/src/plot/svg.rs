@@ -1,4 +1,4 @@
-//! Elements of the plots: SVG text, colours, the scale of an axis, markers, and the points that are drawn of many.
+//! Elements that the plots share: SVG text, colours, the scale of an axis, markers, and thinning of many points.
 
 use std::fmt::Write as _;
 

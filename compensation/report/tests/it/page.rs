@@ -1,5 +1,7 @@
-//! Page as text and in a browser: its content, that no file can inject markup, and its print in a headless Chromium without network,
-//! driven by Playwright: no requests, no script errors, nothing wider than the screen.
+//! The page of a report, as text and in a browser.
+//!
+//! No text of a file can inject markup. A headless Chromium without network, driven by Playwright, shows and prints the
+//! page: no requests, no script errors, nothing wider than the screen.
 
 use std::{collections::BTreeSet, fs, path::Path, process::Command};
 

@@ -1,5 +1,6 @@
-//! Reduction of a correction by the age of the positions: the older they are, the farther the machine may have moved. State: the speeds of
-//! the axes, and past corrections.
+//! Reduces a correction by the age of the positions: the older they are, the farther the machine may have moved.
+//!
+//! State: the speeds of the axes, and past corrections.
 
 #[cfg(test)]
 mod tests {

@@ -1,6 +1,7 @@
-//! Largest change of the correction when one model replaces another. The change is sampled at the corners and the
-//! centre of the work space and at the sampling positions of the curves, in either direction of approach, then searched
-//! by coordinate ascent from the largest changes found.
+//! Largest change of the correction when one model replaces another.
+//!
+//! The change is sampled at the corners and the centre of the work space and at the sampling positions of the curves,
+//! in either direction of approach. Coordinate ascent then starts from the largest changes found.
 
 use volcomp_kinematics::{Correctors, State};
 use volcomp_model::{Machine, curve::Field};

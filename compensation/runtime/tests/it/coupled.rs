@@ -1,7 +1,8 @@
-//! Tests of the rule for coupled axes: however a correction is limited, ramped or rounded, the tool error is at most
-//! the error without correction or the error at the start of the ramp, plus rounding. The exact chain checks this for
-//! every type of machine, with oblique axes, random poses and limits, and near singular poses. `COUPLED_POSES` is the number of poses of each
-//! type.
+//! The rule for coupled axes: the tool error stays bounded however a correction is limited, ramped or rounded.
+//!
+//! It is at most the error without correction or the error at the start of the ramp, plus rounding. The exact chain
+//! checks this for every type of machine, with oblique axes, random poses and limits, and near singular poses.
+//! `COUPLED_POSES` is the number of poses of each type.
 
 use std::fmt::Write;
 

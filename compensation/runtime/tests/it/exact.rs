@@ -1,5 +1,7 @@
-//! Corrections and reported errors equal the exact ones of the kinematics, for all axes and for a control that writes only some. At an end
-//! of travel every form of the model has the error of that end, in spite of the conversion to radians and back.
+//! Corrections and reported errors equal the exact ones of the kinematics.
+//!
+//! This holds for all axes, and for a control that writes only some. At an end of travel every form of the model has
+//! the error of that end, in spite of the conversion to radians and back.
 
 use rand::{RngExt, SeedableRng, seq::SliceRandom};
 use rand_chacha::ChaCha8Rng;

@@ -1,5 +1,8 @@
-//! Axes that do not correct, because the machine file excludes them or the tool error would grow, get zero only. Linear axes that a rotary axis
-//! turns parallel are reported. For axes that are read and never written, the correction of the others is that for their current positions.
+//! Axes that do not correct, and axes that are only read.
+//!
+//! An axis that the machine file excludes, or whose correction would increase the tool error, gets zero only. Linear
+//! axes that a rotary axis turns parallel are reported. The correction of the other axes is that for the current
+//! positions of the axes that are only read.
 
 use std::time::Duration;
 

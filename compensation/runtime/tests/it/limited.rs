@@ -1,6 +1,7 @@
-//! Errors are evaluated at the position that the axes actually reach, which the limits determine. The correction of a
-//! rotary axis that stops correcting ramps out together with the linear axes that compensate it. The limits may change while the machine is
-//! corrected; the reversal threshold depends on them.
+//! Corrections that limits reduce: errors are evaluated at the position that the axes actually reach.
+//!
+//! The correction of a rotary axis that stops correcting ramps out together with the linear axes that compensate it.
+//! The limits may change while the machine is corrected; the reversal threshold depends on them.
 
 use std::{collections::VecDeque, time::Duration};
 

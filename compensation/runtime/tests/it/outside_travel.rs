@@ -1,5 +1,7 @@
-//! Implausible positions: too far outside the travel, or unreachable from the previous position; and reversals that a cycle sees only in part,
-//! while the position of another axis is rejected or during a gap of readings.
+//! Implausible positions, and reversals that a cycle sees only in part.
+//!
+//! A position is implausible if it is too far outside the travel, or unreachable from the previous position. A reversal
+//! is missed while the position of another axis is rejected or during a gap of readings.
 
 use volcomp_model::Machine;
 use volcomp_port::Clock;

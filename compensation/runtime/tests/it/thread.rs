@@ -1,5 +1,6 @@
-//! The control thread, a cycle without allocation, the example for integrators, and the thread that reads a standby path and never delays the
-//! cycle.
+//! The control thread, and the thread that reads a standby path and never delays the cycle.
+//!
+//! A cycle does not allocate. The example for integrators runs.
 
 #[path = "../../examples/embed.rs"]
 mod example;

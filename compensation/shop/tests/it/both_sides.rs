@@ -1,5 +1,6 @@
-//! Linear axes on both sides of `b`: straightness references are on the table for some axes and on the tool for others. Slopes due to
-//! rotary axes, kept constants and assembly errors do not count as squareness.
+//! Linear axes on both sides of `b`: some axes have their straightness references on the table, others on the tool.
+//!
+//! Slopes due to rotary axes, kept constants and assembly errors do not count as squareness.
 
 use std::{collections::BTreeMap, fmt::Write as _, fs, path::Path};
 

@@ -1,5 +1,7 @@
-//! Location errors that are measured directly, their entries in the calibration file, and their values: positions of
-//! axes with all axes at `reference`, relative to the tip and along the reference directions.
+//! Location errors that are measured directly, and their entries in the calibration file.
+//!
+//! Their values are positions of axes with all axes at `reference`, relative to the tip and along the reference
+//! directions.
 
 use std::fmt::Write as _;
 use std::fs;

@@ -1,5 +1,6 @@
-//! Writes tables as files of a format, and reads them back; reads bed meshes of printers and height maps of routers,
-//! which are Z heights of a surface over X and Y.
+//! Writes tables as files of a format, and reads such files.
+//!
+//! It also reads bed meshes of printers and height maps of routers, which are Z heights of a surface over X and Y.
 
 use volcomp_document::quoted;
 use volcomp_vocabulary::bounds::is_plausible_error;

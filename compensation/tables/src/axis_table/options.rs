@@ -237,7 +237,6 @@ pub(crate) fn facts_with(format: Format, options: &WriteOptions, written: &Writt
 pub struct WriteOptions {
     /// Origin of the tables.
     pub facts: Facts,
-    /// Axis numbers in the control.
     pub axes: AxisNumbers,
     /// Number of the encoder whose `$AA_ENC_COMP` table is written: 0 or 1.
     pub encoder: u8,

@@ -1,3 +1,5 @@
+//! Samples the errors of a machine as the tables of a control's format.
+
 use volcomp_kinematics::{ErrorSource, State};
 use volcomp_model::{Axis, Machine, Temperatures};
 use volcomp_vocabulary::{

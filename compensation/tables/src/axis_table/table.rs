@@ -1,4 +1,4 @@
-//! Tables of one axis over another, tables of component errors, and their conversion back to curves of a machine file.
+//! Tables of one axis over another, tables of component errors, and their conversion to curves of a machine file.
 
 use core::fmt::Write;
 

@@ -1,4 +1,5 @@
-//! Formats and text files of tables: number parsing and formatting, and positions of errors.
+//! Text files of tables: their format, the parsing and formatting of their numbers, and the positions of errors in
+//! them.
 
 use core::fmt;
 use core::str::FromStr;
@@ -29,7 +30,6 @@ pub enum Format {
     IsgCsv,
 }
 
-/// An unknown format name.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("found format `{found}`, expected one of: {}", Format::ALL.map(Format::name).join(", "))]
 pub struct UnknownFormat {

@@ -1,5 +1,6 @@
-//! SocketCAN on vcan0 and vcan1: frames of can-utils, error frames, an interface that goes down and up, and a node of
-//! PyPI's canopen. Runs on this computer's interfaces if present, and in the guest by `./test`.
+//! SocketCAN on vcan0 and vcan1: frames of can-utils, error frames, and a node of PyPI's canopen.
+//!
+//! An interface goes down and up. The tests run on this computer's interfaces if present, and in the guest by `./test`.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 

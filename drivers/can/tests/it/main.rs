@@ -1,4 +1,4 @@
-//! Signals compared with cantools; the bridge and the CANopen consumer on a bus in memory.
+//! Tests of signals, compared with cantools, and of the bridge and the CANopen consumer on a bus in memory.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 

@@ -1,4 +1,4 @@
-//! Which manifests a machine accepts, also those of the corpus of the fuzz target.
+//! Which manifests a machine accepts, including those of the fuzz corpus.
 
 use std::path::Path;
 

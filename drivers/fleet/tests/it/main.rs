@@ -1,4 +1,4 @@
-//! The fleet's documents, and its connections to a real `nats-server`.
+//! Tests of the fleet's documents, and of its connections to a real `nats-server`.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test fails by panicking")]
 

@@ -1,4 +1,6 @@
-//! Tests of PT100 according to IEC 60751, and of profiles: shipped files, decoding of registers, messages, and the fuzz corpus.
+//! Profiles of modules, and the PT100 according to IEC 60751.
+//!
+//! The shipped profiles, the decoding of registers, messages, and the fuzz corpus are tested.
 
 use std::{path::Path, time::Instant};
 

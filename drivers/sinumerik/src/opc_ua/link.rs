@@ -1,7 +1,7 @@
 //! One open session with the server of a control. It reads values and writes settings, each within a deadline.
-//! Closing the TCP connection below OPC UA always resets the connection, so that undelivered data never reach the
-//! control later. Otherwise a request written before a cable was unplugged could move an axis when the cable is plugged
-//! in again.
+//!
+//! Closing a session always resets its TCP connection, so that undelivered data never reach the control later.
+//! Otherwise a request written before a cable was unplugged could move an axis when the cable is plugged in again.
 
 use std::{
     sync::Arc,

@@ -1,5 +1,7 @@
-//! The controller and the thread behind it. The controller returns the latest reading and queues writes, without
-//! waiting for the control. The thread owns the session, the last write and the last reading.
+//! The controller, and its thread that owns the session.
+//!
+//! The controller returns the latest reading and queues writes, without waiting for the control. The thread owns the
+//! session, the last write and the last reading.
 
 use std::{
     sync::{

@@ -1,4 +1,4 @@
-//! Curves compared with closed forms, SciPy, and a second implementation of moving least squares.
+//! Curves compared with closed forms, with SciPy, and with a second implementation of moving least squares.
 
 use std::collections::BTreeMap;
 

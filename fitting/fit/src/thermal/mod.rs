@@ -1,5 +1,7 @@
-//! Drift terms from temperatures and a displacement over time. They are found by ridge regression on first-order lags
-//! of temperature differences. Lags, sensors and penalty are chosen by forward validation in time.
+//! Drift terms from temperatures and a displacement over time.
+//!
+//! The terms are found by ridge regression on first-order lags of temperature differences. Lags, sensors and penalty
+//! are chosen by forward validation in time.
 //!
 //! Neighbouring rows are nearly equal, so a random split would be no test. Each block of time is predicted from earlier
 //! blocks only.

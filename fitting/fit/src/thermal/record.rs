@@ -1,5 +1,6 @@
-//! Thermal tests: temperatures and displacements over time, gaps in the log, runs at several positions of the axis;
-//! options of the fit.
+//! The record of a thermal test: temperatures and displacements over time, and the options of its fit.
+//!
+//! A record may have gaps in its log, and runs at several positions of the axis.
 
 use std::ops::Range;
 

@@ -1,6 +1,6 @@
-//! Sparse thermal terms, their predictions over time with uncertainties, and the search for them: few sensors, few
-//! lags, and only coefficients whose removal increases the validation error.
+//! The search for sparse thermal terms, and their predictions over time with uncertainties.
 //!
+//! The search selects few sensors and few lags, and only coefficients whose removal increases the validation error.
 //! Several runs are validated by leaving out whole runs. A single run is validated by stretches of time, each predicted
 //! from earlier stretches.
 

@@ -1,3 +1,5 @@
+//! Fits reproduce curves of their own kind, and equal those of NumPy and SciPy.
+
 use std::io::Write as _;
 use std::process::{Command, Stdio};
 

@@ -1,5 +1,6 @@
-//! Thermal fits of records with known truth, verdicts on thermal terms over many random tests, and the runs in
-//! `examples/thermal`, which are every fourth minute and five sensors of the simulated machine.
+//! Thermal fits of records with known truth, and verdicts on thermal terms over many random tests.
+//!
+//! The runs in `examples/thermal` are every fourth minute and five sensors of the simulated machine.
 
 use std::fmt::Write as _;
 use std::fs;

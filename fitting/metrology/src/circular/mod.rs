@@ -1,5 +1,5 @@
-//! Circular tests: the deviations of ISO 230-4 from a ballbar trace or from positions, and the machine errors that the
-//! trace indicates.
+//! Circular tests by ISO 230-4: the deviations of a ballbar trace or of positions, and the machine errors that they
+//! indicate.
 //!
 //! A trace has the radial deviation over the angle of a circle in the plane of two linear axes. The centre of the
 //! least-squares circle is removed, because it depends on the set-up of the ballbar or the circle instead of the

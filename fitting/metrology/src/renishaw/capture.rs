@@ -1,5 +1,6 @@
-//! Dynamic captures `.rtx`, which have an ASCII header, followed by the samples as little-endian f64; and exports of
-//! compensation values, `.REN`.
+//! Two further Renishaw files: dynamic captures `.rtx`, and exports of compensation values `.REN`.
+//!
+//! A capture has an ASCII header, followed by the samples as little-endian f64.
 
 use std::collections::HashMap;
 

@@ -1,5 +1,6 @@
-//! Renishaw laser files: `.rtl` (linear, µm), `.rta` (angular, milliradian) and `.rts` (straightness, taken as µm);
-//! also the dynamic captures `.rtx` and the compensation exports `.REN`.
+//! Renishaw laser files: `.rtl` (linear, µm), `.rta` (angular, milliradian) and `.rts` (straightness, taken as µm).
+//!
+//! Dynamic captures `.rtx` and compensation exports `.REN` are in a submodule.
 
 mod capture;
 

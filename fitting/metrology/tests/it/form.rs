@@ -1,5 +1,7 @@
-//! Tests of features that were measured point by point, against closed forms, brute-force searches, published values,
-//! and SciPy in `tests/reference/form.py`.
+//! Tests of features that were measured point by point.
+//!
+//! The features are compared with closed forms, brute-force searches, published values, and SciPy in
+//! `tests/reference/form.py`.
 
 use std::f64::consts::TAU;
 use std::fmt::Write as _;

@@ -1,5 +1,6 @@
-//! Tests of straightness, squareness and Abbe's principle against displaced rigid bodies and from files, and of errors
-//! on parallel lines.
+//! Tests of straightness, squareness and Abbe's principle, with displaced rigid bodies and with files.
+//!
+//! Errors on parallel lines are tested as well.
 
 use std::fmt::Write as _;
 use std::iter;

@@ -1,4 +1,4 @@
-//! Tests of laser files: Renishaw files with their captures and exports, API lasers, and reports of 5529/5530 lasers.
+//! Tests of laser files: Renishaw measurements, captures and exports, API `.pos`, and reports of 5529/5530 lasers.
 
 use volcomp_metrology::{
     DeviationUnit, FileFormat, Measurement, MetrologyError, Quantity, RenishawKind, StartEnd,

@@ -1,5 +1,6 @@
-//! Tests of standards for positioning tests and diagonals, of their editions and requirements on a test, of the
-//! measurement uncertainty, and of tolerances.
+//! Tests of positioning tests and diagonals by their standards, of the measurement uncertainty, and of tolerances.
+//!
+//! They include the editions of a standard and its requirements on a test.
 
 use proptest::prelude::*;
 use rand::SeedableRng;

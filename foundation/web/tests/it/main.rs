@@ -1,5 +1,7 @@
-//! Tests of the public interface of the crate: served and rejected requests, over plain connections and over TLS, and the deadline of
-//! requests whose response does not end.
+//! Tests of the public interface of the crate.
+//!
+//! Requests are served and rejected over plain connections and over TLS, and a deadline ends requests whose response
+//! does not end.
 
 use std::{
     io::Write,

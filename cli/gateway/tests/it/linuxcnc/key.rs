@@ -1,7 +1,7 @@
-//! Other programs on the control's computer. Without the key they move no axis and lock out no gateway. A program with
-//! the key counts as another gateway.
+//! The shared key of gateway and bridge, which protects the axes from other programs on the control's computer.
 //!
-//! `check` names what is missing in the INI file of the control, and the missing key.
+//! Without the key a program moves no axis and locks out no gateway. A program with the key counts as another gateway.
+//! `check` reports a missing key, and what is missing in the INI file of the control.
 
 use std::{
     net::UdpSocket,

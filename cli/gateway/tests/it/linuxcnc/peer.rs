@@ -1,4 +1,4 @@
-//! A headless LinuxCNC in separate namespaces, and the tests that run with it, if this computer can start it.
+//! A headless LinuxCNC in separate namespaces, for the tests that run if this computer can start it.
 
 use std::{
     fmt::Write as _,

@@ -1,7 +1,8 @@
-//! LinuxCNC's own compensation tables on the running control. A part runs uncorrected, with tables, and with live
-//! correction. Each residual is computed from a virtual truth with squareness, straightness, pitch (Abbe) and reversal.
+//! LinuxCNC's own compensation tables on the running control, and a complete session without tables.
 //!
-//! A complete session without tables: homing, MDI, a program with arcs and a pause, a probe.
+//! A part runs uncorrected, with tables, and with live correction. Each residual is computed from a virtual truth with
+//! squareness, straightness, pitch (Abbe) and reversal. The session consists of homing, MDI, a program with arcs and a
+//! pause, and a probe.
 
 use std::{fmt::Write as _, path::Path, time::Duration};
 

@@ -1,7 +1,9 @@
-//! Traps of LinuxCNC's external offsets, each on the running control: an offset that is frozen, cleared or cut, bridges
-//! whose axes do not follow their requests, and settings with which LinuxCNC must not start. A reversal error while the
-//! axis creeps, stops, and moves back and forth by less than the reversal threshold. A gateway or bridge that dies, a
-//! second gateway, and a network that loses, duplicates, delays and reorders datagrams.
+//! Traps of LinuxCNC's external offsets, each on the running control.
+//!
+//! An offset is frozen, cleared or cut; the axes of a bridge do not follow its requests; with some settings LinuxCNC
+//! must not start. A reversal error is corrected while the axis creeps, stops, and moves back and forth by less than
+//! the reversal threshold. A gateway or bridge dies, a second gateway starts, and a network loses, duplicates, delays
+//! and reorders datagrams.
 
 use std::{
     net::UdpSocket,

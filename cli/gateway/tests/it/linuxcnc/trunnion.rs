@@ -1,4 +1,6 @@
-//! Five axes: the example with a tilting rotary table. X, Y and Z are corrected for the positions of A and C while all five axes move.
+//! Five axes on LinuxCNC, with the example of a tilting rotary table.
+//!
+//! X, Y and Z are corrected for the positions of A and C while all five axes move.
 
 use std::time::{Duration, Instant};
 

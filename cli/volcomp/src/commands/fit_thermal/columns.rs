@@ -1,5 +1,7 @@
-//! Columns of a file with temperatures and displacements over time, the error that each displacement measures, and checks for implausible
-//! temperatures and wrong thermal terms.
+//! Columns of a file with temperatures and displacements over time.
+//!
+//! Each column of displacements names the error that it measures. Checks find implausible temperatures and wrong
+//! thermal terms.
 
 use std::{
     ops::RangeInclusive,

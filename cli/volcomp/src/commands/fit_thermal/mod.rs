@@ -1,3 +1,5 @@
+//! `volcomp fit-thermal`: finds thermal terms from temperatures and displacements over time.
+
 mod columns;
 
 use std::{collections::BTreeMap, fmt::Write as _, path::PathBuf};

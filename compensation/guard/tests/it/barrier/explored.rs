@@ -1,7 +1,8 @@
-//! Exhaustive search within bounds, on the real barrier and senders. Two senders may crash, restart, read and send at
-//! any scan, and may send long after a read. Frames are lost, late, duplicated and reordered; the control may restart
-//! at any scan. Worlds that differ only in counter offsets are visited once. The control has one or two mailboxes, and
-//! any frame may arrive in any of them.
+//! Exhaustive search, within bounds, for violations of the protocol between the real barrier and its senders.
+//!
+//! Two senders may crash, restart, read and send at any scan, and may send long after a read. Frames are lost, late,
+//! duplicated and reordered; the control may restart at any scan. Worlds that differ only in counter offsets are
+//! visited once. The control has one or two mailboxes, and any frame may arrive in any of them.
 //!
 //! If the check of a frame's owner, its age or the stored epoch is omitted, the search must find a violation.
 

@@ -1,5 +1,6 @@
-//! The barrier under single rules: with one mailbox and with several, its frames and reports, words on digital lines; in random worlds, and in
-//! an exhaustive search.
+//! Single rules of the barrier, with one mailbox and with several: frames, reports, words on digital lines.
+//!
+//! Random worlds and an exhaustive search are in the submodules.
 
 mod explored;
 mod random;

@@ -1,5 +1,7 @@
-//! The reference barrier as the program of a simulated control: motion of the axes under any fault of the wire, and the tip
-//! error of a five-axis correction while the rotary axes move.
+//! The reference barrier as the program of a simulated control.
+//!
+//! The tests check the motion of the axes under any fault of the wire, and the tip error of a five-axis correction
+//! while the rotary axes move.
 
 use std::{
     collections::VecDeque,

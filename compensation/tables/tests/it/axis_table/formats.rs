@@ -1,5 +1,6 @@
-//! Files of each control equal files in its known format: FANUC, HEIDENHAIN, TwinCAT, LinuxCNC, SINUMERIK 840D, and
-//! meshes of heights.
+//! Files of each control's format, compared with known files.
+//!
+//! The formats are those of FANUC, HEIDENHAIN, TwinCAT, LinuxCNC and SINUMERIK 840D, and meshes of heights.
 
 use std::fmt::Write;
 use std::fs;

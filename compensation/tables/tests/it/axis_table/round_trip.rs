@@ -1,3 +1,5 @@
+//! Tables that are written and read again keep their values in every format, and damaged files cause no panic.
+
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
