@@ -246,7 +246,7 @@ fn main() -> ExitCode {
                 _ => format!("error: {error}"),
             };
             // `eprintln!` would panic if standard error cannot be written, and the status would be lost.
-            let _ = writeln!(std::io::stderr(), "{text}");
+            bounded(move || drop(writeln!(std::io::stderr(), "{text}")));
             ExitCode::from(failure.status)
         }
     }
@@ -255,7 +255,7 @@ fn main() -> ExitCode {
 fn act(arguments: Arguments) -> Result<(), GatewayError> {
     match arguments.command {
         None => {
-            let _log = log(arguments.run.log);
+            let _log = Log::start(arguments.run.log);
             // Without a configuration the gateway runs the built-in simulation.
             run::run(&arguments.run.options)
         }
@@ -311,7 +311,7 @@ fn act(arguments: Arguments) -> Result<(), GatewayError> {
                     "the running sender has the request: its output states when the map is in use, its log why not\n",
                 );
             }
-            let _log = log(form);
+            let _log = Log::start(form);
             send_map::run(&checked)
         }
         Some(Command::Schema { folder }) => write_schemas(&folder)
@@ -350,29 +350,55 @@ fn columns() -> usize {
 /// Further lines are dropped. Room for all is taken at the start.
 const MAX_WAITING_LINES: usize = 1000;
 
-/// Starts the log. A thread of its own writes the lines, because standard error may be a full disk, a pipe that nobody
-/// reads or a stopped terminal. Dropping the guard waits for the last lines, for a second at most.
-fn log(form: LogForm) -> WorkerGuard {
-    use tracing_subscriber::{
-        Layer as _, filter, layer::SubscriberExt as _, util::SubscriberInitExt as _,
+/// The log on standard error. A thread of its own writes the lines, because standard error may be a full disk, a pipe
+/// that nobody reads or a stopped terminal. Dropping it waits for the last lines.
+struct Log(Option<WorkerGuard>);
+
+impl Log {
+    fn start(form: LogForm) -> Self {
+        use tracing_subscriber::{
+            Layer as _, filter, layer::SubscriberExt as _, util::SubscriberInitExt as _,
+        };
+        // The OPC UA library logs irrelevant messages on every connection, such as a missing certificate. Real failures
+        // are reported as our own errors, with the URL.
+        let targets = filter::Targets::new()
+            .with_default(filter::LevelFilter::INFO)
+            .with_target("opcua", filter::LevelFilter::OFF);
+        let (stderr, guard) = NonBlockingBuilder::default()
+            .buffered_lines_limit(MAX_WAITING_LINES)
+            .finish(std::io::stderr());
+        let lines = tracing_subscriber::fmt::layer().with_writer(stderr).with_target(false);
+        let lines = match form {
+            LogForm::Text => {
+                lines.with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr())).boxed()
+            }
+            LogForm::Json => lines.json().flatten_event(true).boxed(),
+        };
+        tracing_subscriber::registry().with(lines.with_filter(targets)).init();
+        // The standard hook would wait for standard error before the correction is ramped out.
+        std::panic::set_hook(Box::new(|panic| tracing::error!("{panic}")));
+        Self(Some(guard))
+    }
+}
+
+impl Drop for Log {
+    fn drop(&mut self) {
+        let guard = self.0.take();
+        // With a full queue the guard prints to standard output, which may be blocked as well.
+        bounded(move || drop(guard));
+    }
+}
+
+/// Waits at most two seconds for output that may be blocked.
+fn bounded(output: impl FnOnce() + Send + 'static) {
+    let (done, waiting) = std::sync::mpsc::channel();
+    let printing = move || {
+        output();
+        let _ = done.send(());
     };
-    // The OPC UA library logs irrelevant messages on every connection, such as a missing certificate. Real failures are
-    // reported as our own errors, with the URL.
-    let targets = filter::Targets::new()
-        .with_default(filter::LevelFilter::INFO)
-        .with_target("opcua", filter::LevelFilter::OFF);
-    let (stderr, guard) = NonBlockingBuilder::default()
-        .buffered_lines_limit(MAX_WAITING_LINES)
-        .finish(std::io::stderr());
-    let lines = tracing_subscriber::fmt::layer().with_writer(stderr).with_target(false);
-    let lines = match form {
-        LogForm::Text => {
-            lines.with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr())).boxed()
-        }
-        LogForm::Json => lines.json().flatten_event(true).boxed(),
-    };
-    tracing_subscriber::registry().with(lines.with_filter(targets)).init();
-    guard
+    if std::thread::Builder::new().spawn(printing).is_ok() {
+        let _ = waiting.recv_timeout(std::time::Duration::from_secs(2));
+    }
 }
 
 #[cfg(test)]
