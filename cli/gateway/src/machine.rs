@@ -361,8 +361,7 @@ pub fn open_audit(config: &Config) -> Result<(AuditLog, LogState), GatewayError>
 }
 
 /// The last stored output (mm, rad) and its age. `None` if no readable output is stored, or it belongs to another boot,
-/// other axes or other controllers. The values are NaN if the program was not shut down properly, because it may have
-/// sent a later output.
+/// other axes or other controllers.
 fn last_output(
     path: &Path,
     model: &Model,
@@ -376,11 +375,7 @@ fn last_output(
         && output.correction.iter().all(|value| value.is_finite());
     let written = Duration::try_from_secs_f64(output.monotonic_s).unwrap_or_default();
     let age = monotonic().saturating_sub(written);
-    let of = |axis: usize| match output.correction.get(axis) {
-        Some(value) if output.ended => *value,
-        Some(_) => f64::NAN,
-        None => 0.0,
-    };
+    let of = |axis: usize| output.correction.get(axis).copied().unwrap_or(0.0);
     fits.then(|| (PerAxis::from_fn(of), age))
 }
 

@@ -150,24 +150,19 @@ pub struct Stop {
     pub left_urad: ByAxis,
 }
 
-/// The file `output.json` in the folder of the log: the last output, for controllers without read-back.
+/// The file `output.json` in the folder of the log: the output at the end, for controllers without read-back. Only a
+/// gateway that ended properly leaves it, and the next start removes it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
 pub struct LastOutput {
     /// The kernel's boot ID when the file was written; the output is ignored after a reboot.
     pub boot: String,
     /// Time of writing by the monotonic clock of that boot, s.
-    #[serde(default)]
     pub monotonic_s: f64,
-    /// Whether the gateway ended properly with this output; otherwise it may have sent another one
-    /// afterwards.
-    #[serde(default)]
-    pub ended: bool,
     /// Letters of the machine's axes in the order of its chain. The output is ignored if they
     /// differ.
-    #[serde(default)]
     pub axes: String,
     /// Devices of the controllers in order. The output is ignored if they differ.
-    #[serde(default)]
     pub controllers: Vec<String>,
     /// The output of each axis in the order of the machine's chain: mm for linear axes, rad for rotary ones.
     pub correction: Vec<f64>,

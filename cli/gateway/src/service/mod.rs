@@ -48,7 +48,6 @@ pub(crate) mod standing;
 /// Interval at which the state is published and changes are recorded.
 const TICK: Duration = Duration::from_millis(50);
 const STEP: Duration = Duration::from_millis(2);
-const OUTPUT_EVERY: Duration = Duration::from_secs(10);
 /// Minimum intervals between records of sensors that are missing or back: the first, and the longest, to which it
 /// doubles while a sensor comes and goes, so that the log is not filled.
 const DEGRADED_EVERY: [Duration; 2] = [Duration::from_secs(5), Duration::from_secs(600)];
@@ -116,19 +115,12 @@ pub struct Service {
     /// Number of disarm orders whose requests the service has received. The count of the switch is larger while such a
     /// request is queued or being created, and auto-arm then waits.
     received_disarms: u64,
-    output: LatestOutput,
     /// The last recorded reason `degraded`, with its sensors.
     degraded: Option<String>,
     degraded_at: Instant,
     degraded_pause: Duration,
     lags: Lags,
     watchdog: Watchdog,
-}
-
-struct LatestOutput {
-    at: Instant,
-    correction: PerAxis<f64>,
-    receipt: Option<Receipt>,
 }
 
 impl Service {
@@ -170,7 +162,6 @@ impl Service {
             person_decides: parts.standing.disarmed_by.is_some(),
             auto_arm_after: now,
             received_disarms: 0,
-            output: LatestOutput { at: now, correction: PerAxis::ZERO, receipt: None },
             degraded: None,
             degraded_at: now,
             degraded_pause: DEGRADED_EVERY[0],
@@ -216,10 +207,8 @@ impl Service {
         };
         let text = self.parts.model.text.clone();
         self.parts.notes.report(entry, Some(text));
-        // The output of the previous run may be outdated from now on, also if a full disk takes no new one.
+        // The output of the previous run may be outdated from now on.
         let _ = std::fs::remove_file(output_file(self.parts.config.audit_dir()));
-        let report = *self.parts.handle.report();
-        self.write_output(&report, false);
         self.publish();
     }
 
@@ -320,7 +309,10 @@ impl Service {
 
     fn write_end(&mut self, who: &str, what: &str) {
         let report = *self.parts.handle.report();
-        self.write_output(&report, true);
+        // An output that is unknown at the end must be unknown at the next start.
+        if report.correction_known {
+            self.write_output(&report);
+        }
         self.write_standing();
         let [left_um, left_urad] = self.applied(&report);
         let stop = Stop { state: report.state.into(), left_um, left_urad };
@@ -431,10 +423,6 @@ impl Service {
         let status = self.status(&report);
         self.record_degraded(&status);
         self.publisher.publish(status, cycle_at);
-        if self.since(self.output.at) > OUTPUT_EVERY && self.output.correction != report.correction
-        {
-            self.write_output(&report, false);
-        }
     }
 
     /// Records which sensors the thermal terms lack, if that has changed.
@@ -482,29 +470,20 @@ impl Service {
         status
     }
 
-    /// Saves the last output, which a restart needs for controllers without read-back. At most one write is pending.
-    fn write_output(&mut self, report: &Report, ended: bool) {
-        let waits = |receipt: &Receipt| receipt.written().is_none();
-        if self.output.receipt.as_ref().is_some_and(waits) {
-            return;
-        }
+    /// Saves the output at the end, which a restart needs for controllers without read-back.
+    fn write_output(&self, report: &Report) {
         let (axes, controllers) =
             LastOutput::belongs_to(&self.parts.model, &self.parts.controllers);
         let output = LastOutput {
             axes,
             controllers,
             boot: boot_id(),
-            // An output that is unknown at the end must be unknown at the next start.
-            ended: ended && report.correction_known,
             monotonic_s: monotonic().as_secs_f64(),
             correction: report.correction.to_vec(),
         };
-        let path = output_file(self.parts.config.audit_dir());
-        self.output = LatestOutput {
-            at: self.clock.now(),
-            correction: report.correction,
-            receipt: (serde_json::to_string(&output).ok()).map(|text| self.writer.keep(path, text)),
-        };
+        if let Ok(text) = serde_json::to_string(&output) {
+            self.writer.keep(output_file(self.parts.config.audit_dir()), text);
+        }
     }
 }
 

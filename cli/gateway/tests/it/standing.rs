@@ -222,25 +222,18 @@ fn an_operators_disarm_is_kept_on_a_full_disk() {
     }
 }
 
-/// The disk is full at the start, so this run cannot replace the stored output of the previous run. It is removed:
-/// after a kill, lines without read-back would otherwise start from it.
+/// Only a run that ended properly leaves its output. A run that is killed leaves none: lines without read-back would
+/// otherwise start from a correction that has changed since.
 #[test]
 fn the_output_of_the_previous_run_is_used_once() {
     let dir = tempfile::tempdir().expect("writable");
-    let Some(disk) = SmallDisk::at(dir.path().join("audit")) else {
-        return;
-    };
-    let has_ended = || {
-        let text = std::fs::read_to_string(disk.0.join("output.json")).ok()?;
-        serde_json::from_str::<serde_json::Value>(&text).expect("JSON")["ended"].as_bool()
-    };
+    let has_output = || dir.path().join("audit/output.json").exists();
     let (config, gateway) = compensating(dir.path());
-    assert_eq!(has_ended(), Some(false));
+    assert!(!has_output());
     let rig = gateway.stop();
-    assert_eq!(has_ended(), Some(true));
-    disk.fill(0);
+    assert!(has_output());
     let _gateway = Gateway::again(rig, &config);
-    assert_ne!(has_ended(), Some(true));
+    assert!(!has_output());
 }
 
 /// Without disk space for the standing state, arming gets status 409. With space the gateway arms.
