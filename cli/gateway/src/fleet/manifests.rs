@@ -648,10 +648,10 @@ impl Store {
         if let Some(newest) = newest
             && (newest.manifest.version > kept.standing.highest || !damage.is_empty())
         {
-            // The gateway stopped before it saved the version, or `standing.json` is damaged.
+            // The gateway stopped before it saved the version, or `standing.json` is damaged. An earlier order to
+            // disable lasts until this manifest is active.
             kept.standing.highest = newest.manifest.version;
-            kept.standing.disabled =
-                !newest.manifest.enable || (kept.standing.disabled && damage.is_empty());
+            kept.standing.disabled |= !newest.manifest.enable;
             kept.standing.outcome = None;
         }
         let with = |version: u64| {
@@ -769,6 +769,8 @@ pub(crate) fn trust(config: &FleetConfig, machine: MachineId) -> Trust {
 
 #[cfg(test)]
 mod tests {
+    use volcomp_fleet::{ModelRef, SigningKey};
+
     use super::*;
 
     #[test]
@@ -778,5 +780,43 @@ mod tests {
             Store::new(&config).spool()
         };
         assert_ne!(spool("mill-1"), spool("mill-2"));
+    }
+
+    /// The centre disabled the machine. The newest manifest permits correcting, but is not active, for example because
+    /// its model waits for a confirmation.
+    #[test]
+    fn a_damaged_standing_state_does_not_lift_an_order_to_disable() {
+        let dir = tempfile::tempdir().expect("writable");
+        let key = SigningKey::from_bytes(&[7; 32]);
+        let mut config = FleetConfig {
+            site: "berlin".to_owned(),
+            machine: "mill-1".to_owned(),
+            serial: "4711".to_owned(),
+            dir: dir.path().to_owned(),
+            ..FleetConfig::default()
+        };
+        let manifest = Manifest {
+            machine: config.identity().expect("names").machine,
+            serial: config.serial.clone(),
+            version: 3,
+            axes: vec![AxisName::X],
+            model: ModelRef::of(b"machine"),
+            enable: true,
+            confirm: None,
+            condition_s: None,
+            telemetry_s: None,
+            issued: String::new(),
+        };
+        let desired = Desired::sign(&manifest, "machine", &key).expect("JSON");
+        config.trusted_keys = vec![desired.key.clone()];
+        let standing = Standing { highest: 3, disabled: true, ..Standing::default() };
+        let store = Store::new(&config);
+        store.keep(&StoredManifest { desired, manifest }, &standing).expect("writable");
+        assert!(store.read(&config).standing.disabled);
+        fs::write(dir.path().join(STANDING), "garbage").expect("writable");
+        let kept = store.read(&config);
+        assert!(kept.damage.is_some());
+        assert_eq!(kept.standing.highest, 3, "the manifest is still trusted");
+        assert!(kept.standing.disabled);
     }
 }
