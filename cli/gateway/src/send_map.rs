@@ -170,6 +170,8 @@ struct Sending {
     clock: Clock,
     checked: Checked,
     place: MapDevice,
+    /// Number of this sender.
+    owner: u16,
     sender: Sender,
     replacements: Receiver<NewMap>,
     recording: Option<Recording>,
@@ -206,6 +208,7 @@ pub fn run(checked: &Checked) -> Result<(), GatewayError> {
         clock,
         checked: checked.clone(),
         place,
+        owner,
         sender: sender.map_err(|e| ended(checked, &e.to_string()))?,
         replacements,
         recording: None,
@@ -433,6 +436,11 @@ impl Sending {
                     let applied = seen.of.applied;
                     if last.replace(applied) != Some(applied) {
                         since = self.clock.now();
+                    }
+                    let is_other = ![0, self.owner].contains(&seen.of.owner);
+                    // The corrections of another active sender need never stand still, nor become zero.
+                    if is_other && !self.is_awaited(seen.of.sequence) {
+                        break;
                     }
                     is_zero = !seen.valid && applied.iter().all(|steps| *steps == 0);
                 }

@@ -387,20 +387,62 @@ fn others_are_refused(rig: &mut Rig) {
     refused(&file, &["--confirm", &confirmed], 2, "expected");
 }
 
-/// The same test with the PMC of a FANUC control, simulated by `focas-sim`, a program of another package that was built
-/// before. On a hanging disk the sender also ends properly, and reports the missing records.
-#[test]
-fn a_fanuc_control_looks_up_as_well() {
+/// A FANUC control simulated by `focas-sim`, a program of another package that was built before, and its address.
+/// `None`: it was not built.
+fn fanuc(listen: &str) -> Option<(Running, String, BufReader<ChildStdout>)> {
     let built = Path::new(env!("CARGO_BIN_EXE_volcomp-gateway")).with_file_name("focas-sim");
     if !built.exists() {
         peers::not_run("focas-sim (cargo build -p focas-sim)");
-        return;
+        return None;
     }
-    let options = "--listen 127.0.0.1:0 --at X=500 --map-words 700 --json --machine-number 1002 --limit-um 100 --scan-ms 10 --rate-um-per-s 200 --hold-ms 800 --time-out-ms 2000";
+    let options = "--map-words 700 --json --machine-number 1002 --limit-um 100 --scan-ms 10 --rate-um-per-s 200 --hold-ms 800 --time-out-ms 2000";
     let mut command = Command::new(built);
-    command.args(options.split_whitespace()).stdin(Stdio::piped());
-    let (mut control, line, mut lines) = Running::start_and_hear(&mut command);
-    let address = line.strip_prefix("listening on ").expect("an address");
+    command.arg("--listen").args(listen.split_whitespace()).args(options.split_whitespace());
+    let (control, line, lines) = Running::start_and_hear(command.stdin(Stdio::piped()));
+    let address = line.strip_prefix("listening on ").expect("an address").to_owned();
+    Some((control, address, lines))
+}
+
+/// The sender of a FANUC control at this address.
+fn write_for_fanuc(dir: &Path, address: &str) -> PathBuf {
+    let file = write(dir, &format!("focas://{address}"), 80.0);
+    change(&file, "[sinumerik]\ntime_out_ms = 2000.0\n", "[pmc]\ntime_out_ms = 2000.0\n");
+    file
+}
+
+/// The axes move, so that the corrections of the first sender never stand still. A second one, as of another computer,
+/// ends nevertheless.
+#[test]
+fn a_second_sender_ends_while_the_first_one_corrects() {
+    let Some((_control, address, _)) = fanuc("0.0.0.0:0 --stroke-mm 400 --period-s 4") else {
+        return;
+    };
+    let dirs = [(); 2].map(|()| tempfile::tempdir().expect("writable"));
+    // Different addresses of this computer have different locks.
+    let [first, second] = ["127.0.0.1", "127.0.0.2"].map(|host| address.replace("0.0.0.0", host));
+    let file = write_for_fanuc(dirs[0].path(), &first);
+    let Some(disk) = Disk::new(dirs[0].path()) else {
+        return;
+    };
+    let sender = Sender::start(&file, dirs[0].path(), 7, &disk);
+    let file = write_for_fanuc(dirs[1].path(), &second);
+    let mut command = command(&file, &["--confirm", &hash(&file)]);
+    let log = dirs[1].path().join("second.log");
+    let errors = std::fs::File::create(&log).expect("writable");
+    let mut running = Running::start(command.stderr(errors));
+    let ended = running.ended(PATIENCE);
+    let log = std::fs::read_to_string(log).expect("a log");
+    assert_eq!(ended.and_then(|status| status.code()), Some(1), "{log}");
+    assert!(log.contains("another sender") && log.contains("holds the control"), "{log}");
+    sender.stop();
+}
+
+/// The same test with the PMC of a FANUC control. On a hanging disk the sender also ends properly, and reports the missing records.
+#[test]
+fn a_fanuc_control_looks_up_as_well() {
+    let Some((mut control, address, mut lines)) = fanuc("127.0.0.1:0 --at X=500") else {
+        return;
+    };
     let mut x_um = || {
         writeln!(control.stdin.as_mut().expect("piped"), "report").expect("it runs");
         let mut line = String::new();
@@ -409,8 +451,7 @@ fn a_fanuc_control_looks_up_as_well() {
         report["correction_um"]["X"].as_f64().expect("a number")
     };
     let dir = tempfile::tempdir().expect("writable");
-    let file = write(dir.path(), &format!("focas://{address}"), 80.0);
-    change(&file, "[sinumerik]\ntime_out_ms = 2000.0\n", "[pmc]\ntime_out_ms = 2000.0\n");
+    let file = write_for_fanuc(dir.path(), &address);
     let Some(disk) = Disk::new(dir.path()) else {
         return;
     };
