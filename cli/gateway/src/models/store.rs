@@ -67,6 +67,17 @@ impl Store {
         }
     }
 
+    /// Moves the folder aside if its state is damaged. Saving a new state removes all machine files that it does not
+    /// reference, and the new state references none of the earlier ones.
+    pub(crate) fn set_aside(&self) -> io::Result<()> {
+        let mut aside = (1..1000).map(|n| self.dir.with_file_name(format!("models.damaged-{n}")));
+        let aside = aside.find(|aside| !aside.exists());
+        let aside = aside.ok_or(io::ErrorKind::AlreadyExists)?;
+        fs::rename(&self.dir, &aside)?;
+        tracing::error!("models: the damaged folder is now {}", aside.display());
+        Ok(())
+    }
+
     /// Path of the machine file activated by an operator; `None` if the operator activated none. `Err` describes a
     /// missing or damaged file.
     pub(crate) fn in_force(&self) -> Result<Option<PathBuf>, String> {

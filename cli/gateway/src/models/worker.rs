@@ -64,11 +64,17 @@ impl ModelWorker {
     }
 
     pub(crate) fn run(mut self, work: &Receiver<Job>) {
-        (self.kept, _) = self.shared.store.read();
+        let (kept, damage) = self.shared.store.read();
+        self.kept = kept;
         if !self.shared.is_built_in {
             self.damage = self.shared.store.in_force().err().map(|what| {
                 format!("{what}: the model that an operator activated was not loaded, another one corrects")
             });
+        }
+        if damage.is_some()
+            && let Err(e) = self.shared.store.set_aside()
+        {
+            tracing::error!("models: {e}");
         }
         self.publish();
         loop {

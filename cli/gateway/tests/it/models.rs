@@ -440,6 +440,16 @@ fn a_damaged_model_is_not_loaded() {
     assert_eq!(taken.status, 200, "{}", taken.body);
     let now = wait_model(&program, |now| now["trouble"].is_null());
     assert_eq!(now["from"], "file", "{now}");
+    // The history is damaged, too. Its models stay on disk.
+    std::fs::write(folder.join("standing.json"), "garbage").expect("writable");
+    let program = program.killed_and_started(&rig.config);
+    wait_model(&program, |now| {
+        let trouble = now["trouble"].as_str().unwrap_or_default();
+        trouble.contains("standing.json") && now["history"][0]["from"] == "file"
+    });
+    let aside = folder.with_file_name("models.damaged-1");
+    let name = file.file_name().expect("a name");
+    assert!(aside.join(name).exists() || file.exists());
 }
 
 /// An activation needs the hash of the displayed result. With another hash or none it is rejected.
