@@ -23,6 +23,12 @@ pub mod versions;
 
 pub use error::Error;
 
+/// Replaces control characters by spaces. Names and reasons come from the machines, and must neither act on a terminal
+/// nor begin a line.
+pub(crate) fn one_line(text: &str) -> String {
+    text.replace(char::is_control, " ")
+}
+
 /// Formats a table: each column as wide as its widest cell, the last one unpadded.
 pub(crate) fn columns(rows: &[Vec<String>]) -> String {
     let count = rows.iter().map(Vec::len).max().unwrap_or(0);
@@ -33,8 +39,9 @@ pub(crate) fn columns(rows: &[Vec<String>]) -> String {
     let widths: Vec<usize> = (0..count).map(width).collect();
     let mut text = String::new();
     for row in rows {
-        let cells: Vec<String> =
-            (row.iter().zip(&widths)).map(|(cell, width)| format!("{cell:<width$}")).collect();
+        let cells: Vec<String> = (row.iter().zip(&widths))
+            .map(|(cell, width)| format!("{:<width$}", one_line(cell)))
+            .collect();
         text.push_str(cells.join("  ").trim_end());
         text.push('\n');
     }

@@ -294,7 +294,8 @@ pub fn status_text(status: &Status) -> String {
     let mut lines = Vec::new();
     let mut add = |title: &str, text: String| {
         if !text.is_empty() {
-            lines.push(format!("{title:<18}{text}"));
+            // Names come from files and devices. Their control characters would act on the terminal.
+            lines.push(format!("{title:<18}{}", text.replace(char::is_control, " ")));
         }
     };
     let controller = status.controller.as_ref();

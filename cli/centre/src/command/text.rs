@@ -7,6 +7,7 @@ use crate::{
     clock::date,
     columns,
     models::Stage,
+    one_line,
     records::{Alarm, AuditRecord, Live, Machine, Model, Origin, Version},
     rollout::{Phase, Rollout, Step, Target},
 };
@@ -150,7 +151,7 @@ pub(super) fn alarms(alarms: &[Alarm]) -> String {
     for alarm in alarms {
         let of = (alarm.machine.as_ref()).map_or("centre", |machine| machine.as_str());
         let over = if alarm.until_s.is_some() { " (over)" } else { "" };
-        let _ = writeln!(text, "{of}: {}{over}: {}", alarm.kind.name(), alarm.text);
+        let _ = writeln!(text, "{of}: {}{over}: {}", alarm.kind.name(), one_line(&alarm.text));
     }
     text
 }
@@ -173,7 +174,7 @@ fn phase(phase: &Phase) -> String {
     match phase {
         Phase::Running => "is running".to_owned(),
         Phase::Paused { by } => format!("is paused by {by}"),
-        Phase::Stopped { why } => format!("has stopped: {why}"),
+        Phase::Stopped { why } => format!("has stopped: {}", one_line(why)),
         Phase::Aborted { by } => format!("was ended by {by}"),
         Phase::Done => "is done".to_owned(),
     }
@@ -265,7 +266,10 @@ pub(super) fn drift(stages: &[Stage]) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+
     use super::*;
+    use crate::records::{AlarmKind, Severity};
 
     #[test]
     fn a_machine_is_listed_with_its_active_and_desired_model() {
@@ -304,5 +308,52 @@ mod tests {
         let never = line(&shown);
         assert!(!never.contains("its own file"), "{never}");
         assert!(never.ends_with(" 3: aaaaaaaaaaaa of spring"), "{never}");
+    }
+
+    /// A stolen nkey of a machine permits any text in its messages.
+    #[test]
+    fn texts_of_a_machine_neither_act_on_the_terminal_nor_begin_a_line() {
+        let hostile = "a\u{1b}[2J\u{9b}2J\nmill-2: silent";
+        let name: volcomp_fleet::MachineId = "mill-1".parse().expect("a name");
+        let site = "berlin".parse().expect("a name");
+        let identity = volcomp_fleet::Identity { site, machine: name.clone() };
+        let mut live = Live::new(name.clone(), 0.0, 0);
+        live.condition = Some(volcomp_fleet::Condition {
+            state: hostile.to_owned(),
+            reasons: Vec::new(),
+            armed: false,
+            correction_um: BTreeMap::new(),
+            correction_urad: BTreeMap::new(),
+            residual_um: None,
+            temperatures_degc: BTreeMap::new(),
+            cycle_p99_us: 0.0,
+            overruns: 0,
+            faults: 0,
+        });
+        let machine = Machine::new(identity, "1".into(), "w X' b t".into(), Vec::new());
+        let shown = MachineView {
+            machine,
+            live: Some(live),
+            age_s: Some(0.0),
+            version: None,
+            wanted: None,
+            in_force: None,
+        };
+        let alarm = Alarm {
+            id: 1,
+            machine: Some(name),
+            kind: AlarmKind::Faulted,
+            severity: Severity::Warning,
+            text: hostile.to_owned(),
+            since_s: 0.0,
+            until_s: None,
+            seen_by: None,
+        };
+        let stopped = phase(&Phase::Stopped { why: hostile.to_owned() });
+        for (text, lines) in [(machines(&[shown]), 2), (alarms(&[alarm]), 1), (stopped, 1)] {
+            assert_eq!(text.lines().count(), lines, "{text:?}");
+            assert!(!text.contains(|c: char| c.is_control() && c != '\n'), "{text:?}");
+            assert!(text.contains("mill-2: silent"), "{text:?}");
+        }
     }
 }

@@ -270,10 +270,15 @@ fn status_fits_a_small_terminal() {
             "histogram_us": [[64.0, 1200], [128.0, 34]],
         },
     });
-    let status: Status = serde_json::from_value(state).expect("a state");
+    let mut status: Status = serde_json::from_value(state).expect("a state");
     let text = client::status_text(&status);
     assert!(text.lines().all(|line| line.chars().count() <= 80), "{text}");
     insta::assert_snapshot!(text);
+    // A name neither acts on the terminal nor begins a line.
+    status.machine.name = "mill\u{1b}[2J\nstate             disarmed".to_owned();
+    let hostile = client::status_text(&status);
+    assert_eq!(hostile.lines().count(), text.lines().count(), "{hostile}");
+    assert!(!hostile.contains('\u{1b}'), "{hostile:?}");
 }
 
 #[test]
