@@ -447,6 +447,20 @@ impl Interpreter {
                 "G53 in G91, which LinuxCNC refuses and FANUC controls ignore: write G90 before",
             ));
         }
+        let subtracts_length = match codes.not_modal {
+            Some(280 | 300) => true,
+            Some(100) => given.whole(b'L')? == Some(20),
+            _ => codes.in_machine,
+        };
+        if subtracts_length {
+            let unit_mm =
+                codes.units.map_or(
+                    self.modal.unit_mm,
+                    |code| if code == 200 { 25.4 } else { 1.0 },
+                );
+            let what = "machine coordinates (G53, G28, G30, G10 L20) with a tool length";
+            self.refuse_length_in(unit_mm, given, what)?;
+        }
         self.check_incremental_letters(codes, given)?;
         let has_own_h = given.has(b'H') && codes.tool_length.is_none();
         if has_own_h && (codes.polar.is_some() || codes.work_offset.is_some()) {

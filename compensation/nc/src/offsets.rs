@@ -22,18 +22,28 @@ use crate::{
 const UNNAMED_TOOL: u32 = u32::MAX >> 2;
 
 impl Interpreter {
+    /// Refuses a block with which LinuxCNC subtracts the tool length, whose number it keeps after G20 and G21.
+    pub(crate) fn refuse_length_in(
+        &self,
+        unit_mm: f64,
+        given: &BlockWords<'_>,
+        what: &str,
+    ) -> Result<(), NcError> {
+        if self.modal.tool_offset == [0.0; 9] || self.modal.length_unit_mm == unit_mm {
+            return Ok(());
+        }
+        Err(given.refused(&format!(
+            "{what} in another unit than it began (G20, G21), after which LinuxCNC reads its mm as inch: end it with G49 before"
+        )))
+    }
+
     pub(crate) fn tool_length(
         &mut self,
         code: Code,
         given: &BlockWords<'_>,
     ) -> Result<(), NcError> {
-        let unit_mm = self.modal.unit_mm;
-        if self.modal.tool_offset != [0.0; 9] && self.modal.length_unit_mm != unit_mm {
-            return Err(given.refused(
-                "a tool length that ends in another unit than it began (G20, G21), after which LinuxCNC reads its mm as inch: end it with G49 before",
-            ));
-        }
-        self.modal.length_unit_mm = unit_mm;
+        self.refuse_length_in(self.modal.unit_mm, given, "a tool length that ends")?;
+        self.modal.length_unit_mm = self.modal.unit_mm;
         if code == 490 {
             self.modal.tool_offset = [0.0; 9];
             self.modal.length = None;
@@ -408,6 +418,14 @@ impl Interpreter {
             given.axis(axis)?;
         }
         let all = !given.names_axes();
+        if !all
+            && self.frame.rotation_deg != 0.0
+            && given.places[0].is_some() != given.places[1].is_some()
+        {
+            return Err(given.refused(
+                "G28 or G30 of X or Y alone while the coordinates are rotated, where LinuxCNC moves along the rotated axis and others along the machine's: name both, or use G53",
+            ));
+        }
         if !all && self.modal.polar.is_some() {
             return Err(given.refused(
                 "an intermediate point (G28, G30) under G16, which controls interpret differently: write G15 before",

@@ -497,6 +497,18 @@ fn words_that_other_controls_read_differently_are_refused() {
     let found = message("G21 G43.1 Z20\nG0 Z5\nG20\nG49\nG0 X1\n");
     begins(&found, "line 4: a tool length that ends in another unit");
     assert!(run("", "G21 G43.1 Z20\nG49\nG20\nG43.1 Z1\n").is_ok());
+    // `rs274`: with a length of 25.4 mm and G20, G53 G0 Z0 leads to Z-25.4 inch.
+    for word in ["G53 G0 Z0", "G28", "G30 Z0", "G10 L20 P1 Z0"] {
+        let found = message(&format!("G21 G43.1 Z20\nG0 Z5\nG20\n{word}\n"));
+        begins(&found, "line 4: machine coordinates (G53, G28, G30, G10 L20) with a tool length");
+        assert!(run("", &format!("G20 G43.1 Z1\nG0 Z5\n{word}\n")).is_ok(), "{word}");
+    }
+    // `rs274` moves along the rotated axis: with G54 turned by 30° and G28 at 0, from X10 Y20 to X0 Y20 of the program, not to X0 of the machine.
+    for word in ["G28 X10", "G30 Z5 Y10"] {
+        let found = message(&format!("G90 G10 L2 P1 X0 Y0 R30\nG0 X10 Y20 Z0\n{word}\n"));
+        begins(&found, "line 3: G28 or G30 of X or Y alone while the coordinates are rotated");
+    }
+    assert!(run("", "G90 G10 L2 P1 X0 Y0 R30\nG0 X10 Y20 Z0\nG28 X10 Y20\nG28 Z5\n").is_ok());
     let found = message("G0 X0 Y10\nG2 X60 Y40 I20 J0\n");
     assert!(
         found.contains("a radius of 20.000 mm at its start and of 50.000 mm at its end"),
