@@ -454,10 +454,7 @@ impl Interpreter {
         };
         if subtracts_length {
             let unit_mm =
-                codes.units.map_or(
-                    self.modal.unit_mm,
-                    |code| if code == 200 { 25.4 } else { 1.0 },
-                );
+                codes.units.map_or(self.modal.unit_mm, |code| if code == 200 { 25.4 } else { 1.0 });
             let what = "machine coordinates (G53, G28, G30, G10 L20) with a tool length";
             self.refuse_length_in(unit_mm, given, what)?;
         }

@@ -14,6 +14,9 @@ const REVERSAL_TOLERANCE_MM: f64 = 5e-5;
 
 const MAX_STEPS: f64 = 1024.0;
 
+/// How often the first and the last step are halved: to 1/16,000 of a turn of an arc.
+const END_HALVINGS: i32 = 8;
+
 /// A reversal of an axis. From its fraction of the motion on, the errors of the other direction
 /// apply.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -314,7 +317,7 @@ impl Corrector {
     }
 
     /// Reversals of the axes along a motion. `at` returns the positions for fractions from 0 to 1,
-    /// and is sampled in `steps` steps. A reversal is located at the extreme position, and is
+    /// and is sampled in `steps` steps, closer near the ends. A reversal is located at the extreme position, and is
     /// reported once the axis has moved back by the minimum reverse travel. At the start, the
     /// extreme of the previous motions is used.
     pub(crate) fn turns(&self, steps: u32, at: impl Fn(f64) -> Axes) -> Reversals {
@@ -323,8 +326,8 @@ impl Corrector {
         if !self.bidirectional {
             return Reversals::default();
         }
-        let share = |step: u32| f64::from(step) / f64::from(steps);
-        let places: Vec<Axes> = (0..=steps).map(|step| at(share(step))).collect();
+        let shares = shares_of(steps);
+        let places: Vec<Axes> = shares.iter().map(|share| at(*share)).collect();
         let has_start = |axis: &usize| self.has(*axis) && !self.arrives_from_unknown[*axis];
         for axis in (0..MAX_AXES).filter(has_start) {
             let after = self.turned_after[axis];
@@ -334,8 +337,8 @@ impl Corrector {
             // Start of the motion, if the axis reverses there but its furthest position is still before the start: the
             // axis first moves on to the start.
             let mut goes_on = None;
-            for step in 0..=steps {
-                let here = places[step as usize][axis];
+            for (step, place) in places.iter().enumerate() {
+                let here = place[axis];
                 let way = here - furthest;
                 let sign = side.map_or(-way.signum(), sign_of);
                 if sign * way > 0.0 {
@@ -351,7 +354,7 @@ impl Corrector {
                 let value = |share: f64| sign * at(share)[axis];
                 // Ternary search around the sample: it brackets a single extremum.
                 let (mut low, mut high) =
-                    (share(of_furthest.saturating_sub(1)), share((of_furthest + 1).min(step)));
+                    (shares[of_furthest.saturating_sub(1)], shares[(of_furthest + 1).min(step)]);
                 let rounds = if steps > 1 { 40 } else { 0 };
                 for _ in 0..rounds {
                     let (first, second) = ((2.0 * low + high) / 3.0, (low + 2.0 * high) / 3.0);
@@ -389,6 +392,17 @@ impl Corrector {
         found.keep_before(1.0 - SAME_SHARE);
         found
     }
+}
+
+/// Fractions at which a motion is sampled: `steps` equal steps, the first and the last of them halved again and again.
+/// Otherwise the sample before the end would hide an extreme between the two, and the reversal behind it.
+fn shares_of(steps: u32) -> Vec<f64> {
+    let halvings = if steps > 1 { END_HALVINGS } else { 0 };
+    let near = |halving: i32| 0.5_f64.powi(halving) / f64::from(steps);
+    let within = (1..steps).map(|step| f64::from(step) / f64::from(steps));
+    let start = (1..=halvings).rev().map(near);
+    let end = (1..=halvings).map(|halving| 1.0 - near(halving));
+    [0.0].into_iter().chain(start).chain(within).chain(end).chain([1.0]).collect()
 }
 
 /// Number of sampling steps that misses no reversal on a motion whose axes deviate from a straight line by at most

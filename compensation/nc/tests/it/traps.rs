@@ -99,6 +99,23 @@ fn no_part_of_an_arc_is_shorter_than_a_reversal() {
     );
 }
 
+/// Closed form: an arc that ends 1.5° after a quadrant, or starts 1.5° before one, moves Y back there by 34 µm.
+#[test]
+fn arcs_that_end_just_after_a_quadrant_take_up_the_play() {
+    let play = "EYY = { mean = { poly = [0, 0] }, reversal = -8 }\n";
+    let ends = "G0 X100 Y-100 Z0\nG0 X100 Y0\nG3 X2.618 Y-99.966 I-100 J0\nG1 Y0\n";
+    let (out, _, left_um) = verified(play, ends).expect("compensated");
+    assert!(out.contains(" Y-100.004 "), "{out}");
+    assert!(out.contains("\nG1 Y-99.996\nG3 X2.618 Y-99.962 "), "{out}");
+    assert!(left_um < 1.0, "{left_um}: {out}");
+    let starts = "G0 X0 Y-200 Z0\nG0 X-2.618 Y-99.966\nG3 X-100 Y0 I2.618 J99.966\n";
+    let (out, _, left_um) = verified(play, starts).expect("compensated");
+    assert!(out.contains("\nG1 Y-99.970\nG3 "), "{out}");
+    assert!(out.contains(" Y-100.004 "), "{out}");
+    assert!(out.contains("\nG1 Y-99.996\nG3 "), "{out}");
+    assert!(left_um < 1.0, "{left_um}: {out}");
+}
+
 /// If half the chord is rounded to more than R, a centre is written instead.
 #[test]
 fn half_circles_by_radius_get_a_centre() {
