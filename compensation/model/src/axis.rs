@@ -8,8 +8,7 @@ use volcomp_vocabulary::{AxisName, ErrorName, brought_into, is_within};
 use crate::error::ErrorRefusal;
 
 /// One axis as defined in the machine file.
-#[derive(Clone, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Axis {
     pub name: AxisName,
     /// Lower and upper end of travel, mm (linear) or deg (rotary).
@@ -140,8 +139,7 @@ pub fn axis_of_head(head: &str) -> Option<AxisName> {
 }
 
 /// A tool of the machine file. Keys that are `None` come from `[tool]`, else from the default.
-#[derive(Clone, Debug, Default, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Tool {
     /// Tip of the tool, mm in the machine coordinate system at machine zero.
     pub tip_mm: Option<[f64; 3]>,

@@ -10,12 +10,11 @@ use crate::{error::ModelError, machine::Machine};
 const MOST_TARGETS: usize = 1_000_000;
 
 /// One body diagonal of ISO 230-6: the deviation along it.
-#[derive(Clone, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Diagonal {
     /// `PPP`, `NPP`, `PNP`, `PPN`: the directions of motion of X, Y, Z.
-    #[cfg_attr(feature = "serde", serde(skip))]
+    #[serde(skip)]
     pub name: &'static str,
     /// The targets, mm and deg.
     pub at: Vec<BTreeMap<AxisName, f64>>,
@@ -154,8 +153,7 @@ pub fn quantised(machine: &Machine, delta: &PerAxis<f64>, mm: f64, rad: f64) -> 
 const MOST_NODES: usize = 1_000_000;
 
 /// A grid over the travels of the machine's axes X, Y and Z; all other axes are at fixed coordinates.
-#[derive(Clone, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct MapGrid {
     /// The axes of the grid, in the order X, Y, Z.
     pub axes: Vec<AxisName>,

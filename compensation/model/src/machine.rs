@@ -22,16 +22,12 @@ use crate::{
 /// A machine with its errors. Coordinates, curves and errors are in the units of the machine file (mm, deg, µm, µrad); only the chain is in mm
 /// and rad.
 ///
-/// With the feature `serde`, a machine is serialised as the text of its machine file, and deserialised with all checks of that file. The
+/// A machine is serialised as the text of its machine file, and deserialised with all checks of that file. The
 /// selected tool is not included.
 ///
 /// Two machines are equal if their machine files are equal in content and the same tool is in the spindle.
-#[derive(Clone, Debug, PartialEq)]
-#[cfg_attr(
-    feature = "serde",
-    derive(serde::Serialize, serde::Deserialize),
-    serde(into = "String", try_from = "String")
-)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(into = "String", try_from = "String")]
 pub struct Machine {
     /// The name of the machine; any text.
     pub name: String,
@@ -640,14 +636,12 @@ impl Machine {
     }
 }
 
-#[cfg(feature = "serde")]
 impl From<Machine> for String {
     fn from(machine: Machine) -> Self {
         machine.to_toml()
     }
 }
 
-#[cfg(feature = "serde")]
 impl TryFrom<String> for Machine {
     type Error = ModelError;
 

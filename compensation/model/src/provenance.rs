@@ -8,18 +8,17 @@ use volcomp_vocabulary::{AxisName, ErrorName};
 ///
 /// Provenance does not affect computations. Setting an error removes its provenance, so that it
 /// never describes another curve.
-#[derive(Clone, Debug, Default, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Provenance {
     /// The version of volcomp that wrote the provenance.
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub version: Option<String>,
     /// The serial number of the machine that was measured.
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub serial: Option<String>,
     /// The date of the calibration as entered by the operator, `2026-11-26`.
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub date: Option<String>,
     /// The errors that the measurements do not determine; results that depend on them are undecided.
     pub undecided: Vec<ErrorName>,
@@ -28,8 +27,7 @@ pub struct Provenance {
 }
 
 /// The origin of one error.
-#[derive(Clone, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Origin {
     /// The error motion or the location error.
@@ -37,22 +35,21 @@ pub struct Origin {
     /// The method that determined the error: `smoothing B-spline`, `slopes of EXY and EYX`.
     pub method: String,
     /// The rule that selected the method.
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub rule: Option<String>,
     /// Root mean square of the mean readings minus the curve, both directions together, µm or µrad.
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub residual: Option<f64>,
     /// Root mean square of the deviation of the curve at targets left out of its fit, µm or µrad.
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub leave_one_out: Option<f64>,
     /// The files that contain the readings of the error.
-    #[cfg_attr(feature = "serde", serde(rename = "files"))]
+    #[serde(rename = "files")]
     pub sources: Vec<Source>,
 }
 
 /// A file with readings of an error.
-#[derive(Clone, Debug, Default, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Source {
     /// Path of the file in the calibration file, relative to the latter.
@@ -60,21 +57,20 @@ pub struct Source {
     /// SHA-256 of the file, 64 lower-case hexadecimal digits.
     pub sha256: String,
     /// The number of runs used; both directions of a run count once.
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub runs: Option<usize>,
     /// The number of targets.
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub targets: Option<usize>,
     /// Positions of the other axes, mm or deg; axes at 0 are omitted.
-    #[cfg_attr(feature = "serde", serde(serialize_with = "as_map"))]
+    #[serde(serialize_with = "as_map")]
     #[cfg_attr(feature = "schema", schemars(with = "std::collections::BTreeMap<AxisName, f64>"))]
     pub at: Vec<(AxisName, f64)>,
     /// The date of the test as given in the file.
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub date: Option<String>,
 }
 
-#[cfg(feature = "serde")]
 fn as_map<S: serde::Serializer>(at: &[(AxisName, f64)], serializer: S) -> Result<S::Ok, S::Error> {
     serializer.collect_map(at.iter().copied())
 }

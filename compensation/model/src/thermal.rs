@@ -12,8 +12,7 @@ use crate::error::ThermalRefusal;
 pub type Temperatures = BTreeMap<String, f64>;
 
 /// The thermal terms of a machine: the table `[thermal]` of a machine file.
-#[derive(Clone, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Thermal {
     /// The temperature at which the curves are valid, °C.
     pub reference_degc: f64,
@@ -22,10 +21,10 @@ pub struct Thermal {
     /// Errors that follow temperatures with a lag.
     pub drift: Vec<Drift>,
     /// Tested temperature ranges; beyond them the terms are held and fade to zero.
-    #[cfg_attr(feature = "serde", serde(default))]
+    #[serde(default)]
     pub seen: Vec<Seen>,
     /// Distance beyond the tested range at which the terms are zero, K.
-    #[cfg_attr(feature = "serde", serde(default = "default_margin_k"))]
+    #[serde(default = "default_margin_k")]
     pub margin_k: f64,
 }
 
@@ -38,8 +37,7 @@ pub(crate) fn default_margin_k() -> f64 {
 /// Expansion of a scale or screw with a temperature: E += k·(T − T_ref)·(q − q_fixed). If the error
 /// is the positioning deviation of the axis (`EXX`, `EYV`), the expansion acts along the direction
 /// of the axis, even if that is oblique.
-#[derive(Clone, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Expansion {
     /// The linear error motion to which the expansion is added.
     pub error: ErrorName,
@@ -52,8 +50,7 @@ pub struct Expansion {
 }
 
 /// Drift of an error with temperatures: E += k·L, where L is the first-order lag of Σ w·T − T_ref·Σ w.
-#[derive(Clone, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Drift {
     /// The error motion to which the drift is added.
     pub error: ErrorName,
@@ -212,8 +209,7 @@ fn finite(what: &'static str, found: f64) -> Result<(), ThermalRefusal> {
 /// fade linearly to zero over the next [`Thermal::margin_k`]. A rate is converted to the
 /// temperature change in ten minutes: if that exceeds the range by one margin, the terms are zero
 /// as well.
-#[derive(Clone, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Seen {
     /// The error motion whose terms are limited.
     pub error: ErrorName,

@@ -12,8 +12,7 @@ use crate::{
 };
 
 /// How a thermal term goes to zero while one of its sensors is missing.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Fading {
     /// Time for which the term holds its last value, s.
     pub hold_s: f64,

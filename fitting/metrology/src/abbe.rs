@@ -8,8 +8,7 @@ use nalgebra::{Matrix3, Vector3};
 use crate::MetrologyError;
 
 /// Side of the joint of the measured axis on which the measured point is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 pub enum Rides {
     /// The point moves with the carriage to which the error belongs. For an axis to the right of `b` in the structure
     /// this is the tool side, for an axis to the left of `b` the workpiece side.
@@ -19,8 +18,7 @@ pub enum Rides {
     Other,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum CarriedSide {
     /// The tool. The axis is to the right of `b` in the structure.
     Tool,
@@ -39,8 +37,7 @@ impl CarriedSide {
 }
 
 /// Direction of the measured axis, and its coordinate at one target.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Travel {
     /// Side of the machine that the axis carries.
     pub side: CarriedSide,

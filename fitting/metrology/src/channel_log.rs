@@ -14,8 +14,7 @@ const EXPECTED: &str =
     "lines of channel, date, time and value: `X:POS 2026-03-14 10:15:00.250000 12.5`";
 const US_PER_S: f64 = 1e6;
 
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ChannelLog {
     /// Name of the source file, for messages.
     pub name: String,
@@ -26,8 +25,7 @@ pub struct ChannelLog {
     pub notes: Vec<String>,
 }
 
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Channel {
     pub name: String,
     /// Pairs of time (s since the earliest line of the log) and value, by ascending time.

@@ -106,8 +106,7 @@ pub fn axis_named(text: &str) -> Option<AxisName> {
 }
 
 /// An outlying run or reading.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct OutlierHint {
     /// Number of the run, counted within its direction, from 1.

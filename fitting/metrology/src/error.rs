@@ -3,8 +3,7 @@ use volcomp_document::InputError;
 use crate::Direction;
 
 /// Location of an error in a file, with the text found and the text expected.
-#[derive(Debug, Clone, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Finding {
     /// Name of the file, as given by the caller.
     pub file: String,

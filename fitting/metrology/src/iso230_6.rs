@@ -10,10 +10,9 @@ use crate::{
 
 /// A body or face diagonal, by the signs of motion of X, Y and Z in its forward direction; 0: the
 /// axis does not move.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[cfg_attr(feature = "serde", serde(into = "&'static str"))]
+#[serde(into = "&'static str")]
 pub struct Diagonal([i8; 3]);
 
 /// Names of all diagonals, body diagonals first.
@@ -82,8 +81,7 @@ impl std::fmt::Display for Diagonal {
 }
 
 /// One measured diagonal with its evaluation.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct MeasuredDiagonal {
     /// Direction of the diagonal.
@@ -101,8 +99,7 @@ pub struct MeasuredDiagonal {
 }
 
 /// A squareness error indicated by the diagonals.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SquarenessHint {
     /// Name of the error: `EC0Y`, `EA0Z` or `EB0Z`.
@@ -113,8 +110,7 @@ pub struct SquarenessHint {
 }
 
 /// The evaluation of a set of diagonals.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Iso230Part6 {
     /// The diagonals in the order of the standard.

@@ -8,8 +8,7 @@ use volcomp_vocabulary::{AxisKind, AxisName, Direction, ErrorName};
 use crate::{DeviationUnit, MetrologyError, ReadingUnit, TargetUnit};
 
 /// One reading: the deviation at one target in one run.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Reading {
     /// Target position, mm or deg.
     pub target: f64,
@@ -23,45 +22,43 @@ pub struct Reading {
 
 /// Header of a measurement file: what it states about itself, the machine and the test. Texts that
 /// are missing or blank are omitted.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Metadata {
     /// File type stated in the header: `rtl`, `rta` or `rts`.
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub format: Option<String>,
     /// Program that wrote the file (Renishaw: `Owner`).
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub owner: Option<String>,
     /// Version number of the program or of the format.
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub version: Option<String>,
     /// Name of the measured machine.
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub machine: Option<String>,
     /// Serial number of the machine.
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub serial: Option<String>,
     /// Date of the test, as written in the file.
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub date: Option<String>,
     /// The person who measured.
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub by: Option<String>,
     /// Measured axis, as written in the file.
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub axis: Option<String>,
     /// Location of the machine or of the measured line.
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub location: Option<String>,
     /// Title of the test.
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub title: Option<String>,
 }
 
 /// One environmental quantity, at the start and at the end of the test.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct StartEnd {
     /// Value at the start of the test, in the unit of the file.
@@ -69,56 +66,54 @@ pub struct StartEnd {
     /// Value at the end of the test, in the unit of the file.
     pub end: f64,
     /// Code of the unit in the file, if stated.
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub unit_code: Option<i64>,
 }
 
 /// Environment during the test, in the file's units (°C, kPa, %, µm/(m·K) in the known files).
-#[derive(Debug, Clone, PartialEq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Environment {
     /// Air temperature.
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub air_temperature: Option<StartEnd>,
     /// Air pressure.
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub air_pressure: Option<StartEnd>,
     /// Relative humidity of the air.
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub air_humidity: Option<StartEnd>,
     /// Material temperatures 1 to 3; `None` without a connected sensor (−10.000000 in the file).
     pub material_temperature: [Option<StartEnd>; 3],
     /// Expansion coefficient of the material.
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub expansion_coefficient: Option<StartEnd>,
     /// Environment factor: laser wavelength in air, µm / 2.
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub environment_factor: Option<StartEnd>,
     /// Start and end time, as written.
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub date_time: Option<String>,
 }
 
 /// One measurement of one error of one axis, with all readings of all runs.
-#[derive(Debug, Clone, PartialEq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct Measurement {
     /// Name of the source file, for messages.
     pub name: String,
     /// Unit of the deviations after conversion; `None` if the file does not state it (CSV).
     pub unit: Option<DeviationUnit>,
     /// Kind of the source file; `None` for readings built in code.
-    #[cfg_attr(feature = "serde", serde(default))]
+    #[serde(default)]
     pub format: Option<FileFormat>,
     /// Measured quantity; `None` if the kind of file does not determine it.
-    #[cfg_attr(feature = "serde", serde(default))]
+    #[serde(default)]
     pub quantity: Option<Quantity>,
     /// Unit of the deviations in the file; `None` if the header of the file does not state it (CSV).
-    #[cfg_attr(feature = "serde", serde(default))]
+    #[serde(default)]
     pub stated: Option<ReadingUnit>,
     /// Unit of the targets; `None` if the header of the file does not state it (CSV).
-    #[cfg_attr(feature = "serde", serde(default))]
+    #[serde(default)]
     pub target_unit: Option<TargetUnit>,
     /// Readings in the order of the file.
     pub readings: Vec<Reading>,
@@ -299,10 +294,9 @@ impl Measurement {
 }
 
 /// A kind of measurement file.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+#[serde(rename_all = "kebab-case")]
 pub enum FileFormat {
     /// Renishaw laser, linear optics (`.rtl`).
     RenishawLinear,
@@ -373,10 +367,9 @@ impl FileFormat {
 }
 
 /// Kind of error that the readings of a file represent.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+#[serde(rename_all = "kebab-case")]
 pub enum Quantity {
     /// Deviation along the axis.
     Positioning,
@@ -398,8 +391,7 @@ impl Quantity {
 
 /// Kind of an error motion with respect to its axis. It determines the method of measurement and the reference that is
 /// removed from the readings.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum MotionKind {
     /// Deviation of the coordinate itself, such as EXX of a linear axis and ECC of a rotary axis.
     Positioning,

@@ -13,8 +13,7 @@ use crate::{
 };
 
 /// The results of ISO 230-2 for one direction of approach at one target, in the unit of the deviations.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Approach {
     /// Number of readings n.
@@ -28,8 +27,7 @@ pub struct Approach {
 }
 
 /// One line of the per-target table; values in the measurement's unit, `None` where they cannot be evaluated.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct TargetRow {
     /// Target position, mm or deg.
@@ -50,8 +48,7 @@ pub struct TargetRow {
 ///
 /// With one run in each direction (n = 1) all R and A are `None`; with a single direction, so are
 /// the bidirectional values and those of the other direction.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Iso230Part2 {
     /// Unit of all values; `None` if the file does not state it.
@@ -59,40 +56,40 @@ pub struct Iso230Part2 {
     /// The per-target table, targets ascending.
     pub targets: Vec<TargetRow>,
     /// Bidirectional accuracy A = max(x̄ + 2s) − min(x̄ − 2s) over both directions.
-    #[cfg_attr(feature = "serde", serde(rename = "A"))]
+    #[serde(rename = "A")]
     pub a: Option<f64>,
     /// Unidirectional accuracy A↑ of the forward approaches.
-    #[cfg_attr(feature = "serde", serde(rename = "A_forward"))]
+    #[serde(rename = "A_forward")]
     pub a_forward: Option<f64>,
     /// Unidirectional accuracy A↓ of the backward approaches.
-    #[cfg_attr(feature = "serde", serde(rename = "A_backward"))]
+    #[serde(rename = "A_backward")]
     pub a_backward: Option<f64>,
     /// Bidirectional repeatability R = max R_i.
-    #[cfg_attr(feature = "serde", serde(rename = "R"))]
+    #[serde(rename = "R")]
     pub r: Option<f64>,
     /// Unidirectional repeatability R↑ of the forward approaches.
-    #[cfg_attr(feature = "serde", serde(rename = "R_forward"))]
+    #[serde(rename = "R_forward")]
     pub r_forward: Option<f64>,
     /// Unidirectional repeatability R↓ of the backward approaches.
-    #[cfg_attr(feature = "serde", serde(rename = "R_backward"))]
+    #[serde(rename = "R_backward")]
     pub r_backward: Option<f64>,
     /// Bidirectional systematic deviation E: the range of all x̄_i↑ and x̄_i↓.
-    #[cfg_attr(feature = "serde", serde(rename = "E"))]
+    #[serde(rename = "E")]
     pub e: Option<f64>,
     /// Unidirectional systematic deviation E↑.
-    #[cfg_attr(feature = "serde", serde(rename = "E_forward"))]
+    #[serde(rename = "E_forward")]
     pub e_forward: Option<f64>,
     /// Unidirectional systematic deviation E↓.
-    #[cfg_attr(feature = "serde", serde(rename = "E_backward"))]
+    #[serde(rename = "E_backward")]
     pub e_backward: Option<f64>,
     /// Mean bidirectional positioning deviation M: the range of x̄_i.
-    #[cfg_attr(feature = "serde", serde(rename = "M"))]
+    #[serde(rename = "M")]
     pub m: Option<f64>,
     /// Reversal value B = max |B_i|.
-    #[cfg_attr(feature = "serde", serde(rename = "B"))]
+    #[serde(rename = "B")]
     pub b: Option<f64>,
     /// Mean reversal value B̄, signed.
-    #[cfg_attr(feature = "serde", serde(rename = "mean_B"))]
+    #[serde(rename = "mean_B")]
     pub mean_b: Option<f64>,
     /// Runs and readings that differ from the others; nothing is removed.
     pub outlier_hints: Vec<OutlierHint>,
@@ -212,8 +209,7 @@ fn range(values: &[f64]) -> Option<f64> {
 
 /// Edition of ISO 230-2. All three editions evaluate with limits of 2 s and the estimator s with n − 1. The edition of
 /// 1988, with 3 s, is not supported.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 pub enum Edition {
     /// Second edition, 1997.
     Iso1997,
@@ -342,8 +338,7 @@ impl Edition {
 }
 
 /// Minimum positioning test that the standard requires for an axis.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct RequiredTest {
     /// Description of the axis, such as `linear axes up to 2000 mm`.
     pub axes: &'static str,
@@ -483,8 +478,7 @@ pub fn asme_b5_54(result: &Iso230Part2) -> Vec<StandardQuantity> {
 }
 
 /// Results of VDI/DGQ 3441 at one target, in the unit of the deviations.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Vdi3441Target {
     /// Target position, mm or deg.
     pub target: f64,
@@ -497,8 +491,7 @@ pub struct Vdi3441Target {
 }
 
 /// Results of VDI/DGQ 3441 for an axis, in the unit of the deviations.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Vdi3441 {
     /// Results at the targets, by ascending target.
     pub targets: Vec<Vdi3441Target>,
@@ -578,8 +571,7 @@ impl Vdi3441 {
 
 /// Conditions of the test. Unknown conditions (`None`) contribute nothing, and are listed in
 /// [`PositioningUncertainty::left_out`].
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct UncertaintyInputs {
     /// Expanded uncertainty (k = 2) of the instrument from its calibration, µm/m: the part that is proportional to the
     /// length.
@@ -601,8 +593,7 @@ pub struct UncertaintyInputs {
 }
 
 /// One contribution to the uncertainty, expanded with k = 2.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Contribution {
     /// Symbol in plain letters: `U_DEVICE`.
@@ -614,8 +605,7 @@ pub struct Contribution {
 }
 
 /// Expanded uncertainties (k = 2) of the quantities of ISO 230-2, µm.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct PositioningUncertainty {
     /// Measured length for which the uncertainties are stated, m.

@@ -11,8 +11,7 @@ use crate::text::range;
 use crate::{Direction, Measurement, MetrologyError, MotionKind, Quantity};
 
 /// Sign convention of bridge tilt readings.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum TiltReading {
     /// A reading is positive by the right-hand rule of the angular error `E?N` about its axis.
     RightHand,
@@ -77,8 +76,7 @@ pub fn angular_method_um(
     Ok(profile)
 }
 
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct StraightnessAbout {
     pub kind: ReferenceKind,
     pub line: ReferenceLine,
@@ -86,8 +84,7 @@ pub struct StraightnessAbout {
     pub error_um: f64,
 }
 
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Straightness {
     /// Targets, mm, with the mean deviation of all runs, µm. No reference line is removed.
     pub profile: Vec<(f64, f64)>,
@@ -174,8 +171,7 @@ fn check_bridge(bridge_mm: f64) -> Result<(), MetrologyError> {
 }
 
 /// Definition of the reference line of a straightness profile. ISO 230-1 names all three.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 pub enum ReferenceKind {
     /// Least-squares line of the deviations.
     #[default]
@@ -188,8 +184,7 @@ pub enum ReferenceKind {
 
 /// Straight reference line of a profile. It is removed before straightness is evaluated, and its slope is the basis of
 /// squareness.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ReferenceLine {
     /// Slope in µm/mm. [`slope`](Self::slope) returns it as an angle in µrad (= µm/m).
     pub slope_um_per_mm: f64,
@@ -331,8 +326,7 @@ fn check_points(name: &str, points: &[(f64, f64)]) -> Result<(), MetrologyError>
 const URAD_PER_UM_PER_MM: f64 = 1e3;
 
 /// Standard uncertainty of a slope, with its degrees of freedom.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct SlopeUncertainty {
     pub standard_urad: f64,
     pub degrees: f64,
@@ -601,8 +595,7 @@ fn unknown(error: ErrorName) -> MetrologyError {
 
 /// Conditions of the measurement of two straightness lines. Unknown conditions (`None`) contribute nothing, and are
 /// listed in [`SquarenessUncertainty::left_out`].
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct SquarenessInputs {
     /// Expanded uncertainty (k = 2) of the angle between the references, from the calibration of the square, µrad.
     pub square_urad: Option<f64>,
@@ -615,8 +608,7 @@ pub struct SquarenessInputs {
 
 /// Expanded uncertainties of a squareness for 95.45 %, the probability of k = 2, µrad. A
 /// contribution that was not stated is `None` and is not included in the combined one.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SquarenessUncertainty {
     /// Contribution of both slopes: from the scatter of the runs, or from the residuals of a single

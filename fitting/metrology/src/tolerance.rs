@@ -2,8 +2,7 @@
 
 use crate::{DeviationUnit, MetrologyError};
 
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct StandardQuantity {
     /// Symbol in plain letters, as in tolerances: `A`, `A_forward`, `mean_B`, `Ps_max`.
     pub symbol: &'static str,
@@ -19,8 +18,7 @@ impl StandardQuantity {
     }
 }
 
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Tolerance {
     /// Symbol of the quantity, such as `A`, `E_forward`, `B`.
     pub symbol: String,
@@ -29,10 +27,9 @@ pub struct Tolerance {
 }
 
 /// Decision on one quantity.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
+#[serde(rename_all = "lowercase")]
 pub enum Verdict {
     /// Within the limit, even with the uncertainty added.
     Pass,
@@ -41,7 +38,7 @@ pub enum Verdict {
     /// Nearer to the limit than the uncertainty: neither conformity nor non-conformity is proven (ISO 14253-1).
     Undecided,
     /// The quantity could not be evaluated.
-    #[cfg_attr(feature = "serde", serde(rename = "not evaluated"))]
+    #[serde(rename = "not evaluated")]
     NotEvaluated,
 }
 
@@ -93,8 +90,7 @@ pub fn decide(value: Option<f64>, limit: f64, u: Option<f64>) -> Verdict {
 }
 
 /// A quantity of a standard with its uncertainty and its tolerance.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct JudgedQuantity {
     /// Name of the standard: `ISO 230-2:2014`, `VDI/DGQ 3441`, `ASME B5.54`, `ISO 230-4`, `ISO
@@ -144,8 +140,7 @@ pub fn judged(
 }
 
 /// The decision over all tolerances.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Decision {
     /// Combined verdict of the quantities.

@@ -8,15 +8,14 @@ use volcomp_vocabulary::{AxisKind, Direction};
 use crate::MetrologyError;
 
 /// Internal unit of the deviations of a measurement.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum DeviationUnit {
     /// Micrometres: a linear error.
-    #[cfg_attr(feature = "serde", serde(rename = "um"))]
+    #[serde(rename = "um")]
     Um,
     /// Microradians: an angular error.
-    #[cfg_attr(feature = "serde", serde(rename = "urad"))]
+    #[serde(rename = "urad")]
     Urad,
 }
 
@@ -39,9 +38,8 @@ impl std::fmt::Display for DeviationUnit {
 }
 
 /// Unit of deviations in a file, or as requested by the user.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum ReadingUnit {
     Mm,
     Um,
@@ -130,9 +128,8 @@ impl std::fmt::Display for ReadingUnit {
 }
 
 /// Unit of targets in a file.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(rename_all = "lowercase"))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum TargetUnit {
     Mm,
     Deg,

@@ -687,7 +687,6 @@ fn compiled_machines() {
     });
 }
 
-#[cfg(feature = "serde")]
 #[test]
 fn a_machine_reads_back_the_same() {
     let machine = Machine::parse(EXAMPLE, "m").unwrap();
@@ -705,7 +704,6 @@ fn a_machine_reads_back_the_same() {
     }
 }
 
-#[cfg(feature = "serde")]
 #[test]
 fn plain_types_read_back_the_same() {
     let machine = Machine::parse(EXAMPLE, "m").unwrap();

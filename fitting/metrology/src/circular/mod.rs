@@ -23,8 +23,7 @@ pub use signatures::{Signature, SignatureKind, Signatures, circular_signatures};
 pub const LARGEST_RADIUS_MM: f64 = 100_000.0;
 
 /// The plane of a circle; angles run from the first axis to the second.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub enum CircularPlane {
     /// The XY plane; angles run from X to Y.
@@ -59,8 +58,7 @@ impl CircularPlane {
 }
 
 /// Sense of the motion on the circle, seen with the first axis to the right and the second axis up.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Sense {
     /// Motion from the first axis to the second, so the angle increases.
     CounterClockwise,
@@ -89,8 +87,7 @@ impl Sense {
     }
 }
 
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct TracePoint {
     /// Angle from the first axis to the second, rad.
     pub angle_rad: f64,
@@ -100,8 +97,7 @@ pub struct TracePoint {
 }
 
 /// Trace of a circle in one or both senses.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct CircularTrace {
     /// Name of the source file, for messages.
     pub name: String,
@@ -320,8 +316,7 @@ fn turn(pair: &[f64]) -> f64 {
 }
 
 /// Deviations of a circular test, µm. Each circle is fitted by least squares, to first order in deviation/radius.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct CircularDeviations {
     /// Circular deviation G of each sense, counter-clockwise first: range of the radii about the centre of the circle
     /// of that sense.

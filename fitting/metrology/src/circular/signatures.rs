@@ -21,10 +21,9 @@ use crate::text::range;
 use crate::{DeviationUnit, MetrologyError};
 
 /// Error source of a signature.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[cfg_attr(feature = "serde", serde(rename_all = "kebab-case"))]
+#[serde(rename_all = "kebab-case")]
 pub enum SignatureKind {
     /// Squareness error of the two axes.
     Squareness,
@@ -58,8 +57,7 @@ impl SignatureKind {
 }
 
 /// Fitted effect of one error source on a circular trace.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Signature {
     /// The error source.
@@ -78,8 +76,7 @@ pub struct Signature {
     pub share: f64,
 }
 
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Signatures {
     /// Signatures by descending range. A trace in one sense has no servo mismatch, because the servo mismatch cannot be
     /// separated from the squareness. The squareness then contains both.

@@ -18,8 +18,7 @@ use crate::unit::{not_read, unit_of};
 pub const LARGEST_MM: f64 = 1e9;
 
 /// A feature, with the method of its evaluation.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Feature {
     /// Circle: roundness by least squares (LSC) and by the minimum zone (MZC).
     Circle {
@@ -40,8 +39,7 @@ pub enum Feature {
     Cone,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum FeatureKind {
     Circle,
     Line,
@@ -75,8 +73,7 @@ impl std::fmt::Display for FeatureKind {
 }
 
 /// Plane of two coordinate axes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum CoordinatePlane {
     /// Normal along z.
     Xy,
@@ -97,8 +94,7 @@ impl CoordinatePlane {
     }
 }
 
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Form {
     pub feature: FeatureKind,
     pub points: usize,
@@ -129,8 +125,7 @@ pub struct Form {
 }
 
 /// Narrowest zone that encloses all points: a ring, a layer between two planes, or a strip between two lines.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct MinimumZone {
     /// Width of the zone, mm, which is the roundness, flatness or straightness.
     pub deviation_mm: f64,
@@ -145,8 +140,7 @@ pub struct MinimumZone {
 }
 
 /// Segment of the axis of a feature.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Axis {
     /// The two ends, mm. For a circle both are the centre.
     pub ends_mm: [[f64; 3]; 2],
@@ -174,8 +168,7 @@ impl Axis {
 }
 
 /// Datum axis, of infinite length.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct DatumAxis {
     point_mm: [f64; 3],
     direction: [f64; 3],
@@ -252,8 +245,7 @@ pub enum FormError {
     Direction { i: f64, j: f64, k: f64 },
 }
 
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct FormPoints {
     /// Points in the order of the rows, mm.
     pub points_mm: Vec<[f64; 3]>,

@@ -14,8 +14,7 @@ const DATA: &[u8] = b"Data:";
 const END: &[u8] = b"EOF::";
 
 /// Dynamic capture: samples over time, without targets. The file does not state the unit of the samples.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Capture {
     /// Name of the source file, for messages.
     pub name: String,

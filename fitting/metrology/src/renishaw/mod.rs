@@ -20,8 +20,7 @@ use crate::{
 pub use capture::{Capture, parse_ren, parse_rtx};
 
 /// Kind of a Renishaw laser file.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum RenishawKind {
     /// `.rtl`: linear optics, deviations in µm.
     Linear,
