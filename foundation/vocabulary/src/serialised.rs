@@ -1,19 +1,15 @@
 //! Serde format of the vocabulary types, and its JSON Schemas.
 //!
-//! Axes, errors and directions are text, units are numbers.
+//! Axes, errors and directions are text.
 
 use core::{fmt, marker::PhantomData, str::FromStr};
 
 use serde::{
     Deserialize, Deserializer, Serialize, Serializer,
-    de::{Error, MapAccess, SeqAccess, Visitor},
-    ser::SerializeStruct,
+    de::{Error, SeqAccess, Visitor},
 };
 
-use crate::{
-    AxisKind, AxisName, Component, Deg, Degc, Direction, Displacement, ErrorName, MAX_AXES, Mm,
-    PerAxis, PerChannel, Rad, Um, Urad,
-};
+use crate::{AxisKind, AxisName, Component, Direction, ErrorName, MAX_AXES, PerAxis, PerChannel};
 
 struct Text<T>(PhantomData<T>, &'static str);
 
@@ -49,24 +45,6 @@ as_text!(AxisName, "an axis letter");
 as_text!(ErrorName, "an error name such as EXX or EC0Y");
 as_text!(Direction, "+ or -");
 
-macro_rules! as_number {
-    ($($name:ident),*) => {$(
-        impl Serialize for $name {
-            fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-                serializer.serialize_f64(self.0)
-            }
-        }
-
-        impl<'de> Deserialize<'de> for $name {
-            fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-                f64::deserialize(deserializer).map(Self)
-            }
-        }
-    )*};
-}
-
-as_number!(Mm, Um, Deg, Rad, Urad, Degc);
-
 impl Serialize for AxisKind {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.serialize_str(self.name())
@@ -76,65 +54,6 @@ impl Serialize for AxisKind {
 impl Serialize for Component {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.collect_str(&format_args!("E{}", self.letter()))
-    }
-}
-
-impl Serialize for Displacement {
-    /// `{"mm": …}` or `{"rad": …}`.
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let mut fields = serializer.serialize_struct("Displacement", 1)?;
-        match self {
-            Self::Length(length) => fields.serialize_field("mm", length)?,
-            Self::Angle(angle) => fields.serialize_field("rad", angle)?,
-        }
-        fields.end()
-    }
-}
-
-/// Visitor that reads `{"mm": …}` or `{"rad": …}`.
-struct LengthOrAngle;
-
-struct UnitKey(AxisKind);
-
-impl FromStr for UnitKey {
-    type Err = &'static str;
-
-    fn from_str(text: &str) -> Result<Self, Self::Err> {
-        match text {
-            "mm" => Ok(Self(AxisKind::Linear)),
-            "rad" => Ok(Self(AxisKind::Rotary)),
-            _ => Err("expected mm or rad"),
-        }
-    }
-}
-
-impl<'de> Deserialize<'de> for UnitKey {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        deserializer.deserialize_str(Text(PhantomData, "mm or rad"))
-    }
-}
-
-impl<'de> Visitor<'de> for LengthOrAngle {
-    type Value = Displacement;
-
-    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("a length in mm or an angle in rad")
-    }
-
-    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Displacement, A::Error> {
-        let Some((UnitKey(kind), number)) = map.next_entry()? else {
-            return Err(A::Error::invalid_length(0, &self));
-        };
-        if map.next_key::<UnitKey>()?.is_some() {
-            return Err(A::Error::invalid_length(2, &self));
-        }
-        Ok(Displacement::new(kind, number))
-    }
-}
-
-impl<'de> Deserialize<'de> for Displacement {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        deserializer.deserialize_map(LengthOrAngle)
     }
 }
 

@@ -18,6 +18,7 @@ macro_rules! unit {
     ($(#[$doc:meta])* $name:ident, $symbol:literal) => {
         $(#[$doc])*
         #[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd)]
+        #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
         #[repr(transparent)]
         pub struct $name(pub f64);
 
@@ -172,11 +173,15 @@ impl From<Deg> for Rad {
 }
 
 /// A length or an angle, depending on the kind of the axis; used for coordinates, corrections, steps and limits.
+/// Serialised as `{"mm": …}` or `{"rad": …}`.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Displacement {
     /// Displacement of a linear axis.
+    #[cfg_attr(feature = "serde", serde(rename = "mm"))]
     Length(Mm),
     /// Displacement of a rotary axis.
+    #[cfg_attr(feature = "serde", serde(rename = "rad"))]
     Angle(Rad),
 }
 
