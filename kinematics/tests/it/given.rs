@@ -11,6 +11,24 @@ fn name(text: &str) -> ErrorName {
     text.parse().unwrap()
 }
 
+/// A machine with a rotary table and a rotary head, and a pose.
+fn five_axes() -> (Chain, State) {
+    let mut chain = Chain::new("w C' X' b Y Z B t".parse().unwrap());
+    chain.set_tool([10.0, 20.0, -150.0], [0.0, 0.0, 1.0]).unwrap();
+    let state = State::new(
+        &chain,
+        [
+            (AxisName::C, 0.5),
+            (AxisName::X, 100.0),
+            (AxisName::Y, 200.0),
+            (AxisName::Z, -50.0),
+            (AxisName::B, 0.7),
+        ],
+    )
+    .unwrap();
+    (chain, state)
+}
+
 #[test]
 fn numbers_that_are_none_and_axes_that_are_not_there_are_refused() {
     let chain = Chain::new("w X' b Y Z t".parse().unwrap());
@@ -31,20 +49,8 @@ fn numbers_that_are_none_and_axes_that_are_not_there_are_refused() {
 /// A location error is rejected exactly if a chain of plain matrices gives the same pose with and without the error.
 #[test]
 fn a_location_error_is_refused_where_it_moves_nothing() {
-    let mut chain = Chain::new("w C' X' b Y Z B t".parse().unwrap());
-    chain.set_tool([10.0, 20.0, -150.0], [0.0, 0.0, 1.0]).unwrap();
+    let (mut chain, state) = five_axes();
     chain.set_direction(AxisName::Y, [0.1, 1.0, 0.0]).unwrap();
-    let state = State::new(
-        &chain,
-        [
-            (AxisName::C, 0.5),
-            (AxisName::X, 100.0),
-            (AxisName::Y, 200.0),
-            (AxisName::Z, -50.0),
-            (AxisName::B, 0.7),
-        ],
-    )
-    .unwrap();
     let at_zero = GivenErrors::default();
     for (index, joint) in chain.joints().iter().enumerate() {
         for component in Component::ALL {
@@ -89,19 +95,7 @@ fn a_location_error_is_refused_where_it_moves_nothing() {
 /// message, with the sign in the message.
 #[test]
 fn the_constant_that_is_named_says_the_same() {
-    let mut chain = Chain::new("w C' X' b Y Z B t".parse().unwrap());
-    chain.set_tool([10.0, 20.0, -150.0], [0.0, 0.0, 1.0]).unwrap();
-    let state = State::new(
-        &chain,
-        [
-            (AxisName::C, 0.5),
-            (AxisName::X, 100.0),
-            (AxisName::Y, 200.0),
-            (AxisName::Z, -50.0),
-            (AxisName::B, 0.7),
-        ],
-    )
-    .unwrap();
+    let (chain, state) = five_axes();
     let mut named = Vec::new();
     for (index, joint) in chain.joints().iter().enumerate() {
         for component in Component::ALL {
