@@ -6,9 +6,8 @@ use std::{collections::BTreeMap, fmt::Write as _, fs, path::Path};
 
 use volcomp_calibrate::{Calibration, CalibrationFile, calibrate};
 use volcomp_model::Machine;
-use volcomp_shop::Shop;
 
-use crate::figures::compare;
+use crate::{figures::compare, shop_in};
 
 const COMPONENTS: [&str; 6] = ["EX", "EY", "EZ", "EA", "EB", "EC"];
 const SQUARES: &str = "[[squareness]]\nerror = \"EC0Y\"\nreference_angle_urad = -3.0\n[[squareness]]\nerror = \"EA0Z\"\nreference_angle_urad = 5.0\n[[squareness]]\nerror = \"EB0Z\"\n";
@@ -38,13 +37,7 @@ pub(crate) fn round_trip(
     shop: &str,
     more: &str,
 ) -> (Machine, Calibration) {
-    let write = |name: &str, text: &str| {
-        let path = folder.join(name);
-        fs::write(&path, text).expect("written");
-        path
-    };
-    write("truth.toml", truth);
-    let shop = Shop::read(&write("shop.toml", shop)).expect("a valid shop");
+    let shop = shop_in(folder, truth, shop);
     let mut files: BTreeMap<String, String> =
         shop.files(|_, _| {}).expect("measured").into_iter().collect();
     if let Some(observations) = files.remove("observations.toml") {
@@ -61,7 +54,7 @@ pub(crate) fn round_trip(
         calibration.push_str(more);
     }
     for (name, text) in &files {
-        write(name, text);
+        fs::write(folder.join(name), text).expect("written");
     }
     let file = CalibrationFile::read(&folder.join("calibration.toml")).expect("read back");
     (shop.truth, calibrate(&file, |_, _| {}).expect("calibrated"))

@@ -1,7 +1,7 @@
 //! Coverage of the stated uncertainty: shops with a known machine are measured and then calibrated or identified; the tests count the share of
 //! true errors within the 95 % band.
 
-use std::{fmt::Write as _, fs, path::Path};
+use std::{fmt::Write as _, fs};
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -14,8 +14,9 @@ use volcomp_identify::{MachineSampler, Observations, identify};
 use volcomp_kinematics::{Form, State};
 use volcomp_metrology::MotionKind;
 use volcomp_model::{Machine, Temperatures, Tolerance};
-use volcomp_shop::Shop;
 use volcomp_vocabulary::{AxisName, Component, ErrorName, Urad};
+
+use crate::{shop_in, write};
 
 /// Half width of a 95 % band, in standard uncertainties.
 const BAND: f64 = 1.959_964;
@@ -112,12 +113,6 @@ fn minus(a: [f64; 6], b: [f64; 6]) -> [f64; 6] {
     std::array::from_fn(|k| a[k] - b[k])
 }
 
-fn write(shop: &Shop, folder: &Path) {
-    for (name, text) in shop.files(|_, _| {}).expect("measured") {
-        fs::write(folder.join(name), text).expect("written");
-    }
-}
-
 fn normal(rng: &mut ChaCha8Rng) -> f64 {
     StandardNormal.sample(rng)
 }
@@ -201,9 +196,7 @@ fn calibrated(
 ) -> Count {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
-    fs::write(folder.join("truth.toml"), truth).expect("written");
-    fs::write(folder.join("shop.toml"), text).expect("written");
-    let mut shop = Shop::read(&folder.join("shop.toml")).expect("a valid shop");
+    let mut shop = shop_in(folder, truth, text);
     let mut total = Count::default();
     for seed in 0..count {
         shop.seed = 1000 + seed;
@@ -372,13 +365,11 @@ fn unknowns_beside_lines(runs: u32, few: u64) {
         .replace("w X' b", "w C' X' b")
         .replace("axes = {", "axes = { C = { travel = [-180, 180], point = [900, 400, 0] },");
     truth += "EX0C = 25.0\nEY0C = -15.0\nEA0C = 30.0\nEB0C = -20.0\nEZC = { fourier = [0.0, 4.0, -3.0], period = 360.0 }\n";
-    fs::write(folder.join("truth.toml"), truth).expect("written");
     let lines = LINES.replace("RUNS", &runs.to_string());
     let (head, tables) = lines.split_once('\n').expect("lines");
     let (unknown, observation) = BESIDE_LINES.split_once('\n').expect("lines");
     let text = format!("{head}\n{unknown}\n{tables}{observation}");
-    fs::write(folder.join("shop.toml"), text).expect("written");
-    let mut shop = Shop::read(&folder.join("shop.toml")).expect("a valid shop");
+    let mut shop = shop_in(folder, &truth, &text);
     let count = asked().unwrap_or(few);
     let names = ["EX0C", "EY0C", "EA0C", "EB0C"];
     let mut inside = names.map(|_| 0_u64);
@@ -469,9 +460,7 @@ poses = 60
 fn bands_of_observations_hold_the_truth() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
-    fs::write(folder.join("truth.toml"), HEAD).expect("written");
-    fs::write(folder.join("shop.toml"), OBSERVED).expect("written");
-    let mut shop = Shop::read(&folder.join("shop.toml")).expect("a valid shop");
+    let mut shop = shop_in(folder, HEAD, OBSERVED);
     let mut count = Count::default();
     for seed in 0..shops() {
         shop.seed = 1000 + seed;

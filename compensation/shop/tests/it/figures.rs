@@ -2,31 +2,24 @@
 
 use std::fmt::Write as _;
 use std::fs;
-use std::path::Path;
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use volcomp_identify::{Identification, Observations, identify};
+use volcomp_identify::Identification;
 use volcomp_kinematics::nalgebra::{DMatrix, DVector, Vector3};
 use volcomp_kinematics::{Form, State};
 use volcomp_model::{Machine, Temperatures};
-use volcomp_shop::Shop;
 use volcomp_test_support::root;
 use volcomp_vocabulary::Displacement;
+
+use crate::{identified, shop_in, write};
 
 /// Measures a true machine and identifies its errors. Returns the result and the largest differences from the truth before and after.
 fn measured(truth: &str, shop: &str) -> (Identification, Differences, Differences) {
     let folder = tempfile::tempdir().expect("a folder");
-    let write = |name: &str, text: &str| {
-        fs::write(folder.path().join(name), text).expect("written");
-    };
-    write("truth.toml", truth);
-    write("shop.toml", &format!("machine = \"truth.toml\"\n{shop}"));
-    let shop = Shop::read(&folder.path().join("shop.toml")).expect("a valid shop");
-    for (name, text) in shop.files(|_, _| {}).expect("measured") {
-        write(&name, &text);
-    }
-    let found = found(folder.path());
+    let shop = shop_in(folder.path(), truth, &format!("machine = \"truth.toml\"\n{shop}"));
+    write(&shop, folder.path());
+    let found = identified(folder.path());
     let mut nominal = shop.truth.clone();
     nominal.clear_errors();
     let before = against(&shop.truth, &nominal);
@@ -36,13 +29,6 @@ fn measured(truth: &str, shop: &str) -> (Identification, Differences, Difference
 
 fn against(truth: &Machine, machine: &Machine) -> Differences {
     compare(truth, machine, 2000, 99)
-}
-
-fn found(folder: &Path) -> Identification {
-    let mut file = Observations::read(&folder.join("observations.toml")).expect("read back");
-    // The result is compared with the true machine, so cross-validation is not needed.
-    file.folds = 0;
-    identify(&file, |_, _| {}).expect("identified")
 }
 
 const SIX: [&str; 6] = ["EX", "EY", "EZ", "EA", "EB", "EC"];

@@ -1,12 +1,12 @@
 //! A line measured while a rotary axis that carries it is held off 0: readings equal a separate chain of 4×4 matrices, and a calibration
 //! reproduces the errors.
 
-use std::fs;
-
 use volcomp_calibrate::{CalibrationFile, calibrate};
 use volcomp_model::{Machine, Temperatures};
 use volcomp_shop::{LineOfSight, Shop};
 use volcomp_vocabulary::{Direction, ErrorName};
+
+use crate::{shop_in, write};
 
 type M = [[f64; 4]; 4];
 
@@ -83,15 +83,12 @@ fn truth(structure: &str) -> String {
 }
 
 fn shop(folder: &std::path::Path, structure: &str) -> Shop {
-    fs::write(folder.join("truth.toml"), truth(structure)).expect("written");
     let held = format!("at = {{ B = {}, Y = {} }}", HELD[0], HELD[1]);
     let lines = format!(
         "machine = \"truth.toml\"\n[[measurement]]\nerror = \"EBZ\"\n{held}\n\
          [[measurement]]\nerror = \"EZZ\"\n{held}\npoint = {MEASURED:?}\n"
     );
-    let path = folder.join("shop.toml");
-    fs::write(&path, lines).expect("written");
-    Shop::read(&path).expect("a valid shop")
+    shop_in(folder, &truth(structure), &lines)
 }
 
 type Reading = fn(f64) -> f64;
@@ -128,9 +125,7 @@ fn readings_are_those_of_a_chain_written_by_hand() {
 fn the_errors_come_back() {
     for (structure, _) in SIDES {
         let folder = tempfile::tempdir().expect("a folder");
-        for (name, text) in shop(folder.path(), structure).files(|_, _| {}).expect("measured") {
-            fs::write(folder.path().join(name), text).expect("written");
-        }
+        write(&shop(folder.path(), structure), folder.path());
         let file = CalibrationFile::read(&folder.path().join("calibration.toml")).expect("read");
         let found = calibrate(&file, |_, _| {}).expect("calibrated").machine;
         let truth = Machine::parse(&truth(structure), "truth").expect("valid");

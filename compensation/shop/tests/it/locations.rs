@@ -4,7 +4,6 @@
 //! directions.
 
 use std::fmt::Write as _;
-use std::fs;
 use std::path::Path;
 
 use volcomp_calibrate::{CalibrationFile, calibrate};
@@ -15,6 +14,7 @@ use volcomp_vocabulary::ErrorName;
 
 use crate::both_sides::{every_error, every_line, round_trip};
 use crate::figures::compare;
+use crate::write;
 
 const TRUTH: &str = "structure = \"w C' B' X' b Y Z t\"
 [axes]
@@ -36,9 +36,7 @@ fn shop(text: &str) -> Result<Shop, ShopError> {
 }
 
 fn calibrated(text: &str, folder: &Path) -> Machine {
-    for (name, text) in shop(text).expect("valid").files(|_, _| {}).expect("made") {
-        fs::write(folder.join(name), text).expect("written");
-    }
+    write(&shop(text).expect("valid"), folder);
     let file = CalibrationFile::read(&folder.join("calibration.toml")).expect("read back");
     calibrate(&file, |_, _| {}).expect("calibrated").machine
 }

@@ -4,11 +4,13 @@ use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
 
-use volcomp_identify::{Identification, Observations, RowReading, identify};
+use volcomp_identify::{Observations, RowReading};
 use volcomp_kinematics::nalgebra::Vector3;
 use volcomp_model::Machine;
 use volcomp_shop::{Shop, ShopError};
 use volcomp_test_support::rows;
+
+use crate::{identified, shop_in, write};
 
 /// A head with one rotary axis on three linear axes: the machine of the hand-written chain.
 const HEAD: &str = "structure = \"w X' b Y Z B t\"
@@ -40,23 +42,7 @@ fn tip_of_head([x, y, z, b_deg]: [f64; 4]) -> [f64; 3] {
 }
 
 fn shop(folder: &Path, truth: &str, text: &str) -> Shop {
-    fs::write(folder.join("truth.toml"), truth).expect("written");
-    fs::write(folder.join("shop.toml"), format!("machine = \"truth.toml\"\n{text}"))
-        .expect("written");
-    Shop::read(&folder.join("shop.toml")).expect("a valid shop")
-}
-
-fn write(folder: &Path, shop: &Shop) {
-    for (name, text) in shop.files(|_, _| {}).expect("measured") {
-        fs::write(folder.join(name), text).expect("written");
-    }
-}
-
-fn identified(folder: &Path) -> Identification {
-    let mut file = Observations::read(&folder.join("observations.toml")).expect("read back");
-    // The result is compared with the true machine, so cross-validation is not needed.
-    file.folds = 0;
-    identify(&file, |_, _| {}).expect("identified")
+    shop_in(folder, truth, &format!("machine = \"truth.toml\"\n{text}"))
 }
 
 /// Header and rows of a row file.
@@ -113,7 +99,7 @@ runs = 1
 both_directions = false
 ",
     );
-    write(folder, &shop);
+    write(&shop, folder);
     let state = |table: &_, row| ["X", "Y", "Z", "B"].map(|axis| number(table, row, axis));
     let near = |found: f64, expected: f64, what: &str| {
         assert!((found - expected).abs() < 3e-6, "{what}: {found} for {expected}");
@@ -276,7 +262,7 @@ dead_length_mm = 100.02
     ] {
         let folder = tempfile::tempdir().expect("a folder");
         let shop = shop(folder.path(), &truth, &format!("seed = 4\n{UNKNOWN}{text}"));
-        write(folder.path(), &shop);
+        write(&shop, folder.path());
         let found = identified(folder.path());
         assert!(found.residual.max_um < 0.05, "{name}: {:?}", found.residual);
         let before =
@@ -340,7 +326,7 @@ fn spheres_of_several_tables_have_names_of_their_own() {
         format!("[[observation]]\nkind = \"sphere\"\nposes = 12\ncentres = {centres}\n")
     });
     let text = format!("seed = 3\nunknown = [\"EX0B\"]\n{}", tables.concat());
-    write(folder, &shop(folder, HEAD, &text));
+    write(&shop(folder, HEAD, &text), folder);
     assert_eq!(spheres(folder, "sphere.csv"), ["S1"]);
     assert_eq!(spheres(folder, "sphere-2.csv"), ["S2", "S3"]);
     assert_eq!(spheres(folder, "sphere-3.csv"), ["S3", "S1"]);
@@ -365,7 +351,7 @@ fn names_are_read_back_whatever_stands_in_them() {
          [[observation]]\nkind = \"ball-row\"\nfile = 'c,\"d'\norigin = [-100.0, 10.0, 300.0]\ndirection = [1, 0, 0]\ndistances = [0, 60]\ntools = {names}\n"
     );
     let shop = shop(folder, &truth, &text);
-    write(folder, &shop);
+    write(&shop, folder);
     // The machine from which the observations start.
     let machine = fs::read_to_string(folder.join("machine.toml")).expect("written");
     fs::write(folder.join("calibrated.toml"), machine).expect("written");
@@ -403,7 +389,7 @@ EC0Y = 25.0
                 gauge("up", 50.0, 1.0),
                 gauge("down", 400.0, -1.0)
             );
-            write(folder.path(), &shop(folder.path(), PORTAL, &text));
+            write(&shop(folder.path(), PORTAL, &text), folder.path());
             let found = identified(folder.path());
             let squareness = found.parameters.iter().find(|p| p.name == "EC0Y");
             let squareness = squareness.expect("EC0Y");
@@ -431,7 +417,7 @@ travel = [-400.0, 0.0]
 ";
     let text = "seed = 4\nunknown = [{ error = \"EAX\", legendre = 2 }]\n[[observation]]\nkind = \"points\"\nposes = 40\ntarget = [40, -60, -250]\n";
     let shop = shop(folder.path(), machine, text);
-    write(folder.path(), &shop);
+    write(&shop, folder.path());
     let written = std::fs::read_to_string(folder.path().join("observations.toml")).expect("read");
     assert!(written.contains("target_within_mm = 1\n"), "{written}");
     let found = identified(folder.path());
@@ -467,7 +453,7 @@ kind = "distance"\nposes = 5\npoint = [-500, 300, 300]\n | length_mm
             let text = format!(
                 "seed = {seed}\nunknown = [{{ error = \"EXX\", reversal = true }}]\n[[observation]]\nfile = \"o\"\n{table_of}noise_um = 0.0\nresolution_um = 0.0\n"
             );
-            write(folder, &shop(folder, TRUTH, &text));
+            write(&shop(folder, TRUTH, &text), folder);
             let (header, rows) = table(folder, "o.csv");
             let number = |name: &str| {
                 let place = header.iter().position(|head| head == name);
@@ -516,9 +502,7 @@ fn planned_shop(folder: &Path, observation: &str, plan: &str) -> Result<Shop, Sh
 
 fn made(folder: &Path, observation: &str, plan: &str) -> Observations {
     let shop = planned_shop(folder, observation, plan).expect("a valid shop");
-    for (name, text) in shop.files(|_, _| {}).expect("made") {
-        fs::write(folder.join(name), text).expect("written");
-    }
+    write(&shop, folder);
     Observations::read(&folder.join("observations.toml")).expect("read back")
 }
 

@@ -4,14 +4,11 @@
 use std::{fmt::Write, fs, path::Path};
 
 use volcomp_calibrate::{Calibration, CalibrationFile, Quality, calibrate};
-use volcomp_kinematics::{
-    Form,
-    nalgebra::{DMatrix, DVector, Vector3},
-};
-use volcomp_model::{Machine, Temperatures};
-use volcomp_shop::Shop;
+use volcomp_model::Machine;
 use volcomp_test_support::rows;
-use volcomp_vocabulary::{AxisName, Um};
+use volcomp_vocabulary::Um;
+
+use crate::{figures::compare, shop_in, write};
 
 /// All errors of three axes: polynomials of order 3 with constants and slopes.
 fn truth(structure: &str, axes: &str, more: &str) -> String {
@@ -100,9 +97,7 @@ error = "EB0Z"
 
 /// Measures a true machine and calibrates with polynomials of order 3, which are exact for it.
 fn round_trip(folder: &Path, truth: &str, lines: &str, more: &str) -> (Machine, Calibration) {
-    fs::write(folder.join("truth.toml"), truth).expect("written");
-    fs::write(folder.join("shop.toml"), lines).expect("written");
-    let shop = Shop::read(&folder.join("shop.toml")).expect("a valid shop");
+    let shop = shop_in(folder, truth, lines);
     for (name, text) in shop.files(|_, _| {}).expect("measured") {
         let text = match &name[..] {
             "calibration.toml" => {
@@ -120,35 +115,9 @@ fn round_trip(folder: &Path, truth: &str, lines: &str, more: &str) -> (Machine, 
     (shop.truth, calibrate(&file, |_, _| {}).expect("calibrated"))
 }
 
-/// Tip (mm) and its error (µm) at a node, in workpiece axes.
-fn tip_and_error(machine: &Machine, node: [f64; 3]) -> [Vector3<f64>; 2] {
-    let axes = [AxisName::X, AxisName::Y, AxisName::Z];
-    let state =
-        machine.state(&std::array::from_fn::<_, 3, _>(|i| (axes[i], node[i]))).expect("a state");
-    let error = machine.error_at(&state, Form::Exact, &Temperatures::new());
-    [machine.chain().ideal_tip_mm(&state), error.position_mm * 1e3]
-}
-
 /// Largest difference between two machines after best-fit rigid-body alignment, which a calibration does not determine.
 fn largest_difference_um(one: &Machine, other: &Machine) -> f64 {
-    let steps = |length: f64| (0..5).map(move |i| length * f64::from(i) / 4.0);
-    let nodes: Vec<[f64; 3]> = steps(2000.0)
-        .flat_map(|x| steps(1000.0).flat_map(move |y| steps(800.0).map(move |z| [x, y, z])))
-        .collect();
-    let mut rigid = DMatrix::zeros(3 * nodes.len(), 6);
-    let mut difference = DVector::zeros(3 * nodes.len());
-    for (index, node) in nodes.into_iter().enumerate() {
-        let [tip, error] = tip_and_error(one, node);
-        let found = tip_and_error(other, node)[1];
-        difference.rows_mut(3 * index, 3).copy_from(&(error - found));
-        let turning = -tip.cross_matrix() * 1e-3;
-        rigid.view_mut((3 * index, 0), (3, 3)).fill_with_identity();
-        rigid.view_mut((3 * index, 3), (3, 3)).copy_from(&turning);
-    }
-    let normal = rigid.transpose() * &rigid;
-    let right = rigid.transpose() * &difference;
-    let motion = normal.cholesky().expect("nodes in space").solve(&right);
-    (difference - rigid * motion).amax()
+    compare(one, other, 300, 6).position_um
 }
 
 /// A positioning deviation of an oblique axis has parts along two MCS axes; the calibration reproduces both.
@@ -203,14 +172,11 @@ fn laser_files_with_reversal_and_noise_come_back() {
 #[test]
 fn a_shop_repeats_itself_and_lines_do_not_disturb_each_other() {
     let folder = tempfile::tempdir().expect("a folder");
-    fs::write(folder.path().join("truth.toml"), small_gantry()).expect("written");
     let files = |lines: &str| {
-        let path = folder.path().join("shop.toml");
         let text = format!(
             "machine = \"truth.toml\"\nformat = \"csv\"\n[instrument]\nnoise_um = 1.0\n{lines}"
         );
-        fs::write(&path, text).expect("written");
-        Shop::read(&path).expect("a valid shop").files(|_, _| {}).expect("measured")
+        shop_in(folder.path(), &small_gantry(), &text).files(|_, _| {}).expect("measured")
     };
     let x = "[[measurement]]\nerror = \"EXX\"\n";
     let one = files(x);
@@ -259,12 +225,7 @@ errors = { EX0C = 40.0 }
         let lines = format!(
             "machine = \"truth.toml\"\nseed = 1\ninstrument = {{ noise_um = 0.0, noise_urad = 0.0, alignment_urad = 0.0 }}\n[[measurement]]\nerrors = [\"EXC\"]\nat = {{ X = 0.0, Y = 0.0, Z = 0.0 }}\n{key}"
         );
-        fs::write(folder.path().join("truth.toml"), TRUTH).expect("written");
-        fs::write(folder.path().join("shop.toml"), lines).expect("written");
-        let shop = Shop::read(&folder.path().join("shop.toml")).expect("a valid shop");
-        for (name, text) in shop.files(|_, _| {}).expect("measured") {
-            fs::write(folder.path().join(name), text).expect("written");
-        }
+        write(&shop_in(folder.path(), TRUTH, &lines), folder.path());
         let file = CalibrationFile::read(&folder.path().join("calibration.toml")).expect("read");
         assert_eq!(file.measurements[0].holds_location, key.is_empty());
         let readings = &file.measurements[0].readings.readings;
