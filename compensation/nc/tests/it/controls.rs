@@ -8,11 +8,12 @@ use volcomp_model::Machine;
 use volcomp_nc::{Dialect, Note, SetUp, Strategy};
 use volcomp_test_support::{cases, rows};
 
-use crate::identity::{TRAVELS, begins, compensated_in, has, verified_in, written};
+use crate::identity::{
+    TRAVELS, begins, compensated_in, has, notes_of, of_control, text_in, verified_in, written,
+};
 
 /// X is corrected by 1 µm per mm of Y.
 const ERRORS: &str = "[errors]\nEC0Y = 1000.0\n";
-const LINEAR: &str = "name = \"m\"\nstructure = \"w X' b Y Z t\"\n[axes.X]\ntravel = [-1000, 1000]\n[axes.Y]\ntravel = [-1000, 1000]\n[axes.Z]\ntravel = [-1000, 1000]\n";
 
 /// The result of a program with these set-up lines, or its error message.
 fn result(setup: &str, program: &str) -> Result<String, String> {
@@ -20,14 +21,6 @@ fn result(setup: &str, program: &str) -> Result<String, String> {
     let result = compensated_in(&setup, ERRORS, program.as_bytes());
     let (out, _) = result.map_err(|error| error.to_string())?;
     Ok(String::from_utf8(out).expect("text"))
-}
-
-/// The set-up line that names a control; empty for an empty name.
-fn of_control(name: &str) -> String {
-    match name {
-        "" => String::new(),
-        name => format!("control = \"{name}\"\n"),
-    }
 }
 
 const FANUC: &str = "control = \"fanuc\"\n";
@@ -192,7 +185,7 @@ fn computed_numbers_get_a_point() {
 #[test]
 fn increments_are_verified_as_increments() {
     let machine = format!(
-        "{LINEAR}{ERRORS}EYX = {{ table = [[-1000, 0], [0, 0], [50, 20], [100, 0], [1000, 0]], interpolation = \"linear\" }}\n"
+        "{TRAVELS}{ERRORS}EYX = {{ table = [[-1000, 0], [0, 0], [50, 20], [100, 0], [1000, 0]], interpolation = \"linear\" }}\n"
     );
     let program = "G21 G90 G17\nG0 X0 Y0 Z0\nG1 X100000 Y100000 F500\nG2 X0 Y100000 I-50000 J0\nG91\nG1 X1000 Y-50000\nG90 G0 X0 Y0\n";
     for strategy in [Strategy::Plain, Strategy::Floyd] {
@@ -397,14 +390,8 @@ fn work_offsets_have_numbers() {
         );
     }
     // An offset that is not stated counts as zero, with a note.
-    let set = SetUp::parse(FANUC, "setup.toml").expect("a set-up");
-    let (_, summary) = compensated_in(&set, ERRORS, b"G54.1 P12\nG0 X0 Y100. Z0\n").expect("taken");
-    let notes: Vec<String> =
-        summary.notes.by_line().iter().map(|(_, note)| note.to_string()).collect();
-    assert!(
-        notes.iter().any(|note| note.starts_with("the set-up file has no work offset P12")),
-        "{notes:?}"
-    );
+    let (_, summary) = text_in(FANUC, ERRORS, "G54.1 P12\nG0 X0 Y100. Z0\n").expect("taken");
+    has(&notes_of(&summary).concat(), ": the set-up file has no work offset P12");
     for (text, expected) in [
         ("[work_offset.P0]\nX = 1\n", "there is no work offset P0"),
         ("[work_offset.P301]\nX = 1\n", "there is no work offset P301"),
@@ -419,10 +406,8 @@ fn work_offsets_have_numbers() {
 fn cycles_are_stored_by_k0_and_l0() {
     const DEEP: &str = "[errors]\nEC0Y = 1000.0\nEZZ = { poly = [0.0, 1.0] }\n";
     let run = |setup: &str, program: &str| {
-        let setup = SetUp::parse(setup, "setup.toml").expect("a set-up");
-        let (out, _) =
-            compensated_in(&setup, DEEP, program.as_bytes()).map_err(|error| error.to_string())?;
-        Ok::<_, String>(String::from_utf8(out).expect("text"))
+        let found = text_in(setup, DEEP, program);
+        found.map(|(text, _)| text).map_err(|error| error.to_string())
     };
     for (control, zero) in [(FANUC, "K0"), (HAAS, "L0")] {
         let stored = |line: &str| format!("G90 G0 X0 Y100. Z10.\n{line}\nX30. Y100.\nX40.\nG80\n");
@@ -480,7 +465,7 @@ fn rows_by_k_are_rows_by_l() {
 
 #[test]
 fn presets_are_work_offsets() {
-    let machine = format!("{LINEAR}{ERRORS}");
+    let machine = format!("{TRAVELS}{ERRORS}");
     let program = "0 BEGIN PGM PART MM\n1 CYCL DEF 247 BEZUGSPUNKT SETZEN ~\n    Q339=+3    ;BEZUGSPUNKT-NUMMER\n2 TOOL CALL 5 Z S8000\n3 L X+10 Y+100 Z+0 R0 FMAX M3\n4 END PGM PART MM\n";
     let setup = "control = \"heidenhain\"\n[work_offset.P3]\nY = 400\n[tool.5]\nZ = 0\n";
     let (text, summary, _) =

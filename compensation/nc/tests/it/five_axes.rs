@@ -12,7 +12,7 @@ use volcomp_nc::{BoundViolation, Decimals, Dialect, Job, NcError, SetUp, Summary
 
 use crate::{
     identity::{begins, has, result_of, verified_by},
-    random_programs::copy_unchanged,
+    random_programs::{Draw, copy_unchanged},
 };
 
 const EXAMPLE: &str = include_str!("../../../../examples/table-tilting.toml");
@@ -110,11 +110,8 @@ const PLACES: [[f64; 5]; 6] = [
 
 /// Random poses away from singular ones, where errors that only C could correct remain.
 fn random_places(count: usize) -> Vec<[f64; 5]> {
-    let mut seed = 7_u64;
-    let mut random = |low: f64, high: f64| {
-        seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        low + (high - low) * ((seed >> 11) as f64 / (1_u64 << 53) as f64)
-    };
+    let mut draw = Draw::new(7);
+    let mut random = |low, high| draw.between(low, high);
     let mut places = PLACES.to_vec();
     while places.len() < count {
         let a = random(-100.0, 25.0);

@@ -7,11 +7,10 @@ use std::{fs, path::PathBuf};
 use volcomp_nc::{NcError, SetUp};
 use volcomp_test_support::cases;
 
-use crate::identity::{compensated, compensated_in, has};
+use crate::identity::{compensated, compensated_in, has, text_in};
 
 pub(crate) fn text(errors: &str, program: &str) -> String {
-    let (out, _) = compensated(errors, program.as_bytes()).expect("compensated");
-    String::from_utf8(out).expect("text")
+    text_in("", errors, program).expect("compensated").0
 }
 
 const PROGRAM: &str = "\

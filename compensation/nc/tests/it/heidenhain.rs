@@ -7,10 +7,10 @@ use volcomp_nc::{Dialect, NcError};
 use volcomp_test_support::{cases, rows};
 
 use crate::{
-    identity::{self, TRAVELS, begins},
+    identity::{begins, written, written_with},
     random_programs::{
         Draw, Step, Way, accepts_with_result, assert_copied, assert_equal_paths,
-        assert_same_positions, judged, path, worn,
+        assert_same_positions, centre_point_lines, judged, path, tilting, worn,
     },
 };
 
@@ -224,23 +224,10 @@ fn polar_coordinates() {
 /// M128 gives the same digits as M428 in RS-274.
 #[test]
 fn m128_has_the_numbers_of_m428() {
-    let example = include_str!("../../../../examples/table-tilting.toml");
-    let machine = Machine::parse(example, "m.toml").expect("a good machine");
+    let machine = tilting();
     for seed in 0..SEEDS {
         let draw = &mut Draw::new(15_000 + seed);
-        let mut rs274 = vec!["G90 G0 X300.0 Y250.0 Z-100.0 A-10.0 C0.0".to_owned()];
-        let on = draw.below(4);
-        for place in 0..8 {
-            if place == on {
-                rs274.push("M428".to_owned());
-            }
-            let [x, y] = [draw.thousandths(260.0, 340.0), draw.thousandths(210.0, 290.0)];
-            let [z, a] = [draw.thousandths(-250.0, -100.0), draw.thousandths(-80.0, -5.0)];
-            let c = draw.thousandths(-300.0, 300.0);
-            let code = draw.below(2);
-            rs274.push(format!("G{code} X{x:.3} Y{y:.3} Z{z:.3} A{a:.3} C{c:.3}"));
-        }
-        rs274.push("M429".to_owned());
+        let rs274 = centre_point_lines(draw);
         let text = rs274.join("\n") + "\n";
         let mut lines = Vec::new();
         for line in &rs274 {
@@ -278,17 +265,18 @@ fn m128_has_the_numbers_of_m428() {
 /// for which the mode makes a difference is refused.
 #[test]
 fn the_end_of_a_mode_stands_in_a_block_of_its_own() {
-    let example = include_str!("../../../../examples/table-tilting.toml");
-    let machine = Machine::parse(example, "m.toml").expect("a good machine");
+    let machine = tilting();
     let begins = "L X+300 Y+250 Z-100 A-10 C+0 FMAX\n";
     for (on, off) in [("M126", "M127"), ("M128", "M129")] {
         let beside = format!("L Z-50 C+20 F500 {off}\n");
-        written(&machine, "", &format!("{begins}{beside}")).expect("it was not on");
+        written(Dialect::Heidenhain, &machine, "", &format!("{begins}{beside}"))
+            .expect("it was not on");
         let behind = format!("{begins}L {on}\nL Z-50 F500\nL {off}\n");
-        written(&machine, "", &behind).expect("a block of its own");
+        written(Dialect::Heidenhain, &machine, "", &behind).expect("a block of its own");
         let linear = format!("{begins}L M126\nL Z-50 F500 M127\n");
-        written(&machine, "", &linear).expect("M127 concerns rotary axes");
-        let refused = written(&machine, "", &format!("{begins}L {on}\n{beside}"));
+        written(Dialect::Heidenhain, &machine, "", &linear).expect("M127 concerns rotary axes");
+        let refused =
+            written(Dialect::Heidenhain, &machine, "", &format!("{begins}L {on}\n{beside}"));
         let expected = format!("{off} is not supported: it acts at the end of its block");
         let found = refused.expect_err(off).to_string();
         assert!(found.contains(&expected), "{found}");
@@ -296,16 +284,7 @@ fn the_end_of_a_mode_stands_in_a_block_of_its_own() {
 }
 
 fn compensated(errors: &str, setup: &str, program: &str) -> Result<(String, Vec<String>), NcError> {
-    let machine = Machine::parse(&format!("{TRAVELS}{errors}"), "m.toml").expect("a good machine");
-    written(&machine, setup, program)
-}
-
-fn written(
-    machine: &Machine,
-    setup: &str,
-    program: &str,
-) -> Result<(String, Vec<String>), NcError> {
-    identity::written(Dialect::Heidenhain, machine, setup, program)
+    written_with(Dialect::Heidenhain, errors, setup, program)
 }
 
 /// X is 100 µm/m too long. The expected positions follow from this closed form; each word keeps its notation.
@@ -363,11 +342,16 @@ fn tools_and_the_shorter_way() {
     let machine = "name = \"m\"\nstructure = \"w A' b X Y Z t\"\n[axes.X]\ntravel = [-500, 500]\n[axes.Y]\ntravel = [-500, 500]\n[axes.Z]\ntravel = [-500, 500]\n[axes.A]\ntravel = [-360, 360]\n[errors]\nEAA = { poly = [104.719755] }\n";
     let machine = Machine::parse(machine, "m.toml").expect("a good machine");
     // A is corrected by -0.006°.
-    let (text, _) =
-        written(&machine, "", "L X+0 Y+0 Z+0 A+350 FMAX\nL M126\nL A+10 FMAX\nL IA+350 FMAX\n")
-            .expect("taken");
+    let (text, _) = written(
+        Dialect::Heidenhain,
+        &machine,
+        "",
+        "L X+0 Y+0 Z+0 A+350 FMAX\nL M126\nL A+10 FMAX\nL IA+350 FMAX\n",
+    )
+    .expect("taken");
     assert_eq!(text, "L X+0 Y+0 Z+0 A+349.994 FMAX\nL M126\nL A+9.994 FMAX\nL IA+350 FMAX\n");
-    let error = written(&machine, "", "L X+0 Y+0 Z+0 A+0 M126\nL A+180\n").expect_err("refused");
+    let error = written(Dialect::Heidenhain, &machine, "", "L X+0 Y+0 Z+0 A+0 M126\nL A+180\n")
+        .expect_err("refused");
     assert!(error.to_string().contains("half a turn"), "{error}");
 }
 

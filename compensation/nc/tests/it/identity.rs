@@ -37,6 +37,31 @@ pub(crate) fn compensated_in(
     })
 }
 
+/// Compensates a program with the text of a set-up file, on a machine with these errors; tolerance of splitting 0.5 µm.
+pub(crate) fn text_in(
+    setup: &str,
+    errors: &str,
+    program: &str,
+) -> Result<(String, Summary), NcError> {
+    let setup = SetUp::parse(setup, "setup.toml").expect("a good set-up");
+    let (out, summary) = compensated_in(&setup, errors, program.as_bytes())?;
+    Ok((String::from_utf8(out).expect("text"), summary))
+}
+
+/// The notes, each with its line.
+pub(crate) fn notes_of(summary: &Summary) -> Vec<String> {
+    let notes = summary.notes.by_line().into_iter();
+    notes.map(|(line, note)| format!("{line}: {note}")).collect()
+}
+
+/// The set-up line that names a control; empty for an empty name.
+pub(crate) fn of_control(name: &str) -> String {
+    match name {
+        "" => String::new(),
+        name => format!("control = \"{name}\"\n"),
+    }
+}
+
 /// Compensates a program with this tolerance of splitting, mm; `wanted` changes the default job.
 pub(crate) fn result_of(
     (machine, tolerance_mm): (&Machine, f64),
@@ -82,9 +107,18 @@ pub(crate) fn written(
     let program = program.as_bytes();
     let (out, summary) =
         result_of((machine, 0.001), &setup, program, |job| Job { dialect, ..job })?;
-    let notes = summary.notes.by_line().into_iter();
-    let notes = notes.map(|(line, note)| format!("{line}: {note}")).collect();
-    Ok((String::from_utf8(out).expect("text"), notes))
+    Ok((String::from_utf8(out).expect("text"), notes_of(&summary)))
+}
+
+/// As [`written`], on a machine with these errors.
+pub(crate) fn written_with(
+    dialect: Dialect,
+    errors: &str,
+    setup: &str,
+    program: &str,
+) -> Result<(String, Vec<String>), NcError> {
+    let machine = Machine::parse(&format!("{TRAVELS}{errors}"), "m.toml").expect("a good machine");
+    written(dialect, &machine, setup, program)
 }
 
 /// The result of a program, and its verification on the same machine; tolerance of splitting 1 µm.

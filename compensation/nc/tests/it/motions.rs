@@ -2,13 +2,11 @@
 
 use crate::{
     flow::text,
-    identity::{compensated, compensated_in},
+    identity::{compensated, notes_of, text_in},
 };
 
 fn lines(errors: &str, program: &str) -> Vec<String> {
-    let (out, _) = compensated(errors, program.as_bytes()).expect("compensated");
-    let text = String::from_utf8(out).expect("text");
-    text.lines().map(str::to_owned).collect()
+    text(errors, program).lines().map(str::to_owned).collect()
 }
 
 /// With scale errors of 100 µm/m every coordinate is 100 µm/m shorter, and G91 words by their differences.
@@ -43,15 +41,10 @@ fn a_scale_error_is_subtracted_from_every_coordinate() {
 fn words_are_added_for_unnamed_axes() {
     let square = "[errors]\nEC0Y = 50.0\n";
     let (out, summary) =
-        compensated(square, b"G90\nG1 F100 Y200\nX0 Y200\nY100\nG91 Y100\n").expect("compensated");
+        text_in("", square, "G90\nG1 F100 Y200\nX0 Y200\nY100\nG91 Y100\n").expect("compensated");
+    assert_eq!(out, "G90\nG1 F100 Y200\nX0.010 Y200\nY100 X0.005\nG91 Y100 X0.005\n");
     assert_eq!(
-        String::from_utf8(out).expect("text"),
-        "G90\nG1 F100 Y200\nX0.010 Y200\nY100 X0.005\nG91 Y100 X0.005\n"
-    );
-    let notes: Vec<String> =
-        summary.notes.by_line().iter().map(|(line, note)| format!("{line}: {note}")).collect();
-    assert_eq!(
-        notes,
+        notes_of(&summary),
         [
             "2: corrections of X are omitted until the program names that axis, because its position is unknown",
             "3: the set-up file has no work offset G54: zero is assumed"
@@ -124,9 +117,10 @@ fn play_is_taken_up_before_an_axis_reverses() {
 #[test]
 fn a_resting_axis_returns_at_the_end_of_a_split_line() {
     let bent = "[errors]\nEYX = { table = [[-1000, 0], [0, 0], [100, 20], [200, 0], [1000, 0]], interpolation = \"linear\" }\n";
-    let (out, _) = compensated(bent, b"G0 X0 Y0 Z0\nG1 F100 X200 Y0\n").expect("taken");
-    let text = String::from_utf8(out).expect("text");
-    assert_eq!(text, "G0 X0 Y0 Z0\nG1 F100 X100.000 Y-0.020\nX200.000 Y0.000\n");
+    assert_eq!(
+        text(bent, "G0 X0 Y0 Z0\nG1 F100 X200 Y0\n"),
+        "G0 X0 Y0 Z0\nG1 F100 X100.000 Y-0.020\nX200.000 Y0.000\n"
+    );
 }
 
 #[test]
@@ -194,10 +188,8 @@ fn unequal_scales_split_a_circle_into_arcs() {
 #[test]
 fn an_arc_from_an_unknown_position_adds_no_words() {
     let scale = "[errors]\nEZZ = { poly = [0.0, 0.1] }\n";
-    let program = b"G90 G0 Z100\nG91 G2 X10 Y0 I5 J0\nG1 Z-50\n";
-    let (out, _) = compensated(scale, program).expect("compensated");
     assert_eq!(
-        String::from_utf8(out).expect("text"),
+        text(scale, "G90 G0 Z100\nG91 G2 X10 Y0 I5 J0\nG1 Z-50\n"),
         "G90 G0 Z99.990\nG91 G2 X10 Y0 I5 J0\nG1 Z-49.995\n"
     );
 }
@@ -207,11 +199,11 @@ fn an_arc_from_an_unknown_position_adds_no_words() {
 fn a_correction_is_taken_up_before_an_arc() {
     let shift = "[errors]\nEXX = { poly = [20.0] }\n";
     // After G53 the program position is known only with the work offset.
-    let setup = volcomp_nc::SetUp::parse("[work_offset.G54]\nX = 0\n", "s.toml").expect("good");
+    let setup = "[work_offset.G54]\nX = 0\n";
     let arc = |line: &str| {
         let program = format!("G90 G0 X0 Y0 Z0\nG53 G0 X0\n{line}\n");
-        let (out, _) = compensated_in(&setup, shift, program.as_bytes()).expect("compensated");
-        String::from_utf8(out).expect("text").lines().skip(2).map(str::to_owned).collect::<Vec<_>>()
+        let (out, _) = text_in(setup, shift, &program).expect("compensated");
+        out.lines().skip(2).map(str::to_owned).collect::<Vec<_>>()
     };
     assert_eq!(
         arc("G2 X20 Y0 I10 J0 (half)\nX40 I10 J0"),

@@ -8,7 +8,10 @@ use volcomp_test_support::cases;
 use crate::{
     flow::text,
     identity::{TRAVELS, compensated},
-    random_programs::{Draw, Step, Way, assert_same_positions, copy_unchanged, judged, path, worn},
+    random_programs::{
+        Draw, SETUP, Step, Way, assert_equal_paths, assert_same_positions, copy_unchanged, judged,
+        path, worn,
+    },
 };
 
 fn distance([x, y, _]: [f64; 3]) -> f64 {
@@ -126,11 +129,10 @@ fn distances_and_angles_under_g16() {
         // The same path by X and Y, worked out here.
         let cartesian = by_x_and_y(&program);
         let machine = worn(6.0);
-        let setup = "[work_offset.G54]\nX = 40.0\nY = -30.0\nZ = 20.0\n[start]\nX = 0.0\nY = 0.0\nZ = 0.0\n";
-        let (result, _, found) = judged(&machine, setup, Dialect::Rs274, &program)
+        let (result, _, found) = judged(&machine, SETUP, Dialect::Rs274, &program)
             .unwrap_or_else(|error| panic!("{error}\n{program}"));
-        let (_, _, expected) = judged(&machine, setup, Dialect::Rs274, &cartesian).expect("taken");
-        crate::random_programs::assert_equal_paths(&found, &expected, &program, &result);
+        let (_, _, expected) = judged(&machine, SETUP, Dialect::Rs274, &cartesian).expect("taken");
+        assert_equal_paths(&found, &expected, &program, &result);
         let perfect = volcomp_model::Machine::parse(TRAVELS, "m.toml").expect("a good machine");
         copy_unchanged(&perfect, Dialect::Rs274, program.as_bytes()).expect("taken");
     }

@@ -2,10 +2,10 @@
 
 use rand::{RngExt as _, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use volcomp_nc::{NcError, SetUp, Summary};
+use volcomp_nc::{NcError, Summary};
 use volcomp_test_support::{cases, rows};
 
-use crate::identity::{begins, compensated_in};
+use crate::identity::{begins, notes_of, of_control, text_in};
 
 const PRINTERS: [&str; 2] = ["klipper", "marlin"];
 /// Y bends at X 50, so lines across it are split there.
@@ -14,15 +14,18 @@ const BENT: &str = "[errors]\nEXX = { poly = [0.0, 0.1] }\nEYX = { table = [[-10
 const SKEW: &str = "[errors]\nEC0Y = 1000.0\n";
 
 fn run(control: &str, errors: &str, program: &str) -> Result<(String, Summary), NcError> {
-    let setup =
-        SetUp::parse(&format!("control = \"{control}\"\n"), "setup.toml").expect("a set-up");
-    let (out, summary) = compensated_in(&setup, errors, program.as_bytes())?;
-    Ok((String::from_utf8(out).expect("text"), summary))
+    text_in(&of_control(control), errors, program)
 }
 
 fn result(control: &str, errors: &str, program: &str) -> Result<String, String> {
     let result = run(control, errors, program);
     result.map(|(text, _)| text).map_err(|error| error.to_string())
+}
+
+fn is_unknown_after_line_3(summary: &Summary) -> bool {
+    notes_of(summary)
+        .iter()
+        .any(|note| note.starts_with("3: ") && note.contains("unknown after it"))
 }
 
 /// A split motion shares its filament in proportion to length. Each part has the motion code, which printers require.
@@ -253,10 +256,7 @@ fn printer_commands_are_copied() {
                 let expected =
                     format!("G90\nG0 X0.100 Y100 Z0.2\n{line}\nG1 Y200{added}\nG1 X20.200\n");
                 assert_eq!(text, expected, "{control}");
-                let elsewhere = summary.notes.by_line().iter().any(|(line, note)| {
-                    *line == 3 && note.to_string().contains("unknown after it")
-                });
-                assert_eq!(elsewhere, !known, "{line} {:?}", summary.notes);
+                assert_eq!(is_unknown_after_line_3(&summary), !known, "{line} {:?}", summary.notes);
             }
         }
         for [line, expected] in &cases(
@@ -307,12 +307,7 @@ fn grbl_settings_are_copied() {
         let program = format!("G90\nG0 X0 Y100\n{line}\nX20\n");
         let (text, summary) = run("grbl", SKEW, &program).expect(line);
         assert_eq!(text, format!("G90\nG0 X0.100 Y100\n{line}\nX20.100\n"));
-        let elsewhere = summary
-            .notes
-            .by_line()
-            .iter()
-            .any(|(_, note)| note.to_string().contains("unknown after it"));
-        assert_eq!(elsewhere, !known, "{line}");
+        assert_eq!(is_unknown_after_line_3(&summary), !known, "{line}");
     }
     let error = result("grbl", SKEW, "$J=G91 X10 F100\n").expect_err("a jog");
     begins(&error, "line 1: column 1: $J is not supported");

@@ -110,7 +110,7 @@ pub(crate) fn rs274(path: &[Step]) -> String {
     text + "M2\n"
 }
 
-const SETUP: &str =
+pub(crate) const SETUP: &str =
     "[work_offset.G54]\nX = 40.0\nY = -30.0\nZ = 20.0\n[start]\nX = 0.0\nY = 0.0\nZ = 0.0\n";
 const ERRORS: &str = "[errors]\nEXX = { mean = { poly = [0.0, 0.1] }, reversal = 6.0 }\nEYX = { poly = [0.0, 0.0, 0.0004] }\nEYY = { table = [[-1000, 0], [0, 30], [1000, -20]], interpolation = \"linear\" }\nEZX = { poly = [0.0, 0.05, 0.0002] }\nEC0Y = 60.0\n";
 
@@ -119,6 +119,30 @@ pub(crate) fn worn(reversal_um: f64) -> Machine {
     let errors = ERRORS.replace("6.0", &reversal_um.to_string());
     let text = format!("{TRAVELS}{errors}");
     Machine::parse(&text, "m.toml").expect("a good machine")
+}
+
+/// The example of a machine with a tilting rotary table.
+pub(crate) fn tilting() -> Machine {
+    let text = include_str!("../../../../examples/table-tilting.toml");
+    Machine::parse(text, "m.toml").expect("a good machine")
+}
+
+/// Random motions of that machine in RS-274, with tool centre point control (M428) from one of the first to the last.
+pub(crate) fn centre_point_lines(draw: &mut Draw) -> Vec<String> {
+    let mut lines = vec!["G90 G0 X300.0 Y250.0 Z-100.0 A-10.0 C0.0".to_owned()];
+    let on = draw.below(4);
+    for place in 0..8 {
+        if place == on {
+            lines.push("M428".to_owned());
+        }
+        let [x, y] = [draw.thousandths(260.0, 340.0), draw.thousandths(210.0, 290.0)];
+        let [z, a] = [draw.thousandths(-250.0, -100.0), draw.thousandths(-80.0, -5.0)];
+        let c = draw.thousandths(-300.0, 300.0);
+        let code = draw.below(2);
+        lines.push(format!("G{code} X{x:.3} Y{y:.3} Z{z:.3} A{a:.3} C{c:.3}"));
+    }
+    lines.push("M429".to_owned());
+    lines
 }
 
 /// Compensates a program, and runs both programs on the virtual machine.

@@ -7,10 +7,10 @@ use volcomp_nc::{Dialect, NcError};
 use volcomp_test_support::{cases, rows};
 
 use crate::{
-    identity::{self, TRAVELS},
+    identity::{written, written_with},
     random_programs::{
         Draw, Step, Way, accepts_with_result, assert_copied, assert_equal_paths,
-        assert_same_positions, judged, path, worn,
+        assert_same_positions, centre_point_lines, judged, path, tilting, worn,
     },
 };
 
@@ -199,27 +199,12 @@ fn r_parameters() {
 /// TRAORI gives the same digits as M428 in RS-274.
 #[test]
 fn traori_has_the_numbers_of_m428() {
-    let example = include_str!("../../../../examples/table-tilting.toml");
-    let machine = Machine::parse(example, "m.toml").expect("a good machine");
+    let machine = tilting();
     for seed in 0..SEEDS {
         let draw = &mut Draw::new(4000 + seed);
-        let mut lines = vec!["G54 G90 G0 X300 Y250 Z-100 A-10 C0 F2000".to_owned()];
-        let on = draw.below(4);
-        for place in 0..8 {
-            if place == on {
-                lines.push("ON".to_owned());
-            }
-            let [x, y] = [draw.thousandths(260.0, 340.0), draw.thousandths(210.0, 290.0)];
-            let [z, a] = [draw.thousandths(-250.0, -100.0), draw.thousandths(-80.0, -5.0)];
-            let c = draw.thousandths(-300.0, 300.0);
-            let code = draw.below(2);
-            lines.push(format!("G{code} X{x} Y{y} Z{z} A{a} C{c}"));
-        }
-        lines.push("OFF".to_owned());
-        lines.push("G0 X300 Y250 Z-50 A0 C0".to_owned());
-        let text = lines.join("\n") + "\n";
-        let in_rs274 = text.replace("ON", "M428").replace("OFF", "M429");
-        let in_siemens = text.replace("ON", "TRAORI(1)").replace("OFF", "TRAFOOF");
+        let lines = centre_point_lines(draw).join("\n");
+        let in_rs274 = format!("G54 F2000\n{lines}\nG0 X300 Y250 Z-50 A0 C0\n");
+        let in_siemens = in_rs274.replace("M428", "TRAORI(1)").replace("M429", "TRAFOOF");
         let setup = "[work_offset.G54]\nX = 1.0\nY = 2.0\nZ = -3.0\n";
         let in_linear_words = format!("rotary_words = \"linear\"\n{setup}");
         let (expected, _, of_rs274) =
@@ -233,16 +218,7 @@ fn traori_has_the_numbers_of_m428() {
 }
 
 fn compensated(errors: &str, setup: &str, program: &str) -> Result<(String, Vec<String>), NcError> {
-    let machine = Machine::parse(&format!("{TRAVELS}{errors}"), "m.toml").expect("a good machine");
-    written(&machine, setup, program)
-}
-
-fn written(
-    machine: &Machine,
-    setup: &str,
-    program: &str,
-) -> Result<(String, Vec<String>), NcError> {
-    identity::written(Dialect::Siemens, machine, setup, program)
+    written_with(Dialect::Siemens, errors, setup, program)
 }
 
 /// X is 100 µm/m too long. The expected positions follow from this closed form; each word keeps its notation.
@@ -302,21 +278,24 @@ fn the_shorter_way() {
     let machine = Machine::parse(machine_text, "m.toml").expect("a good machine");
     // A is corrected by -0.006°.
     let program = "G0 X0 Y0 Z0 A350\nA=DC(10)\nA=DC(0)\nA=DC(359.9)\nA=IC(-10)\n";
-    let (text, _) = written(&machine, "", program).expect("taken");
+    let (text, _) = written(Dialect::Siemens, &machine, "", program).expect("taken");
     assert_eq!(
         text,
         "G0 X0 Y0 Z0 A349.994\nA=DC(9.994)\nA=DC(359.994)\nA=DC(359.894)\nA=IC(-10)\n"
     );
-    let error = written(&machine, "", "G0 X0 Y0 Z0 A0\nA=DC(180)\n").expect_err("refused");
+    let error = written(Dialect::Siemens, &machine, "", "G0 X0 Y0 Z0 A0\nA=DC(180)\n")
+        .expect_err("refused");
     assert!(error.to_string().contains("half a turn"), "{error}");
-    let error = written(&machine, "", "G0 X=DC(5)\n").expect_err("refused");
+    let error = written(Dialect::Siemens, &machine, "", "G0 X=DC(5)\n").expect_err("refused");
     assert!(error.to_string().contains("is not rotary"), "{error}");
     let swivel = machine_text.replace("[-360, 360]", "[-120, 120]");
     let swivel = Machine::parse(&swivel, "m.toml").expect("a good machine");
-    let error = written(&swivel, "", "G0 X0 Y0 Z0 A-100\nA=DC(100)\n").expect_err("refused");
+    let error = written(Dialect::Siemens, &swivel, "", "G0 X0 Y0 Z0 A-100\nA=DC(100)\n")
+        .expect_err("refused");
     assert!(error.to_string().contains("over the end of a travel"), "{error}");
     // A word that applies to one block would apply to the first part only.
-    let error = written(&machine, "", "G0 X0 Y0 Z0\nG1 X50 F100 FB=50\n").expect_err("refused");
+    let error = written(Dialect::Siemens, &machine, "", "G0 X0 Y0 Z0\nG1 X50 F100 FB=50\n")
+        .expect_err("refused");
     assert!(error.to_string().contains("FB is not supported"), "{error}");
 }
 
@@ -478,11 +457,10 @@ fn blanks_after_computed_words_stay() {
 /// G96, G97 and their variants end G93: the parts of a split motion keep the F of the block.
 #[test]
 fn surface_speed_ends_inverse_time() {
-    let bends = format!("{TRAVELS}[errors]\nEZX = {{ poly = [0.0, 0.0, 0.0005] }}\n");
-    let machine = Machine::parse(&bends, "m.toml").expect("a good machine");
+    let bends = "[errors]\nEZX = { poly = [0.0, 0.0, 0.0005] }\n";
     for code in ["G93", "G94", "G96", "G961", "G962", "G97", "G971", "G972", "G973"] {
         let program = format!("G0 X0 Y0 Z0\nG93 G1 X10 F2\n{code} S100\nG1 X400 F0.2\n");
-        let (out, _) = identity::written(Dialect::Siemens, &machine, "", &program).expect(code);
+        let (out, _) = compensated(bends, "", &program).expect(code);
         let lines: Vec<&str> = out.lines().skip(3).collect();
         assert!(lines.len() > 2, "{out}");
         let has_own_feed = lines[1..].iter().any(|line| line.contains('F'));

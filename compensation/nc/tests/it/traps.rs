@@ -3,7 +3,7 @@
 use volcomp_nc::{Dialect, NcError, Note, Strategy, Summary};
 use volcomp_test_support::{cases, rows};
 
-use crate::identity::{begins, compensated, verified_in};
+use crate::identity::{begins, compensated, notes_of, text_in, verified_in};
 
 const LINEAR: &str = "name = \"m\"\nstructure = \"w b X Y Z t\"\n[axes.X]\ntravel = [-5000, 5000]\n[axes.Y]\ntravel = [-5000, 5000]\n[axes.Z]\ntravel = [-5000, 5000]\n[errors]\n";
 const START: &str = "[work_offset.G54]\nX = 0\n[start]\nX = 0\nY = 0\nZ = 0\n";
@@ -24,6 +24,14 @@ fn run(errors: &str, program: &str) -> Result<(String, Summary), NcError> {
 
 fn result(errors: &str, program: &str) -> String {
     run(errors, program).expect("compensated").0
+}
+
+fn is_only_note(summary: &Summary, line: &str, text: &str) {
+    let notes = notes_of(summary);
+    assert!(
+        matches!(&notes[..], [note] if note.starts_with(line) && note.contains(text)),
+        "{notes:?}"
+    );
 }
 
 /// Arcs from a few steps to almost straight, by centre and by R, with backlash and curved errors: the deviation stays below 5.5 µm.
@@ -339,11 +347,7 @@ fn a_stored_position_is_corrected_once() {
         run(errors, "G0 X500 Y0 Z0\nG28.1\nG0 X0\nG28\nG91\nG1 X0 Y10\nG90 X500\n")
             .expect("compensated");
     assert_eq!(out, "G0 X499.950 Y0 Z0\nG28.1\nG0 X0\nG28\nG91\nG1 X0 Y10\nG90 X499.950\n");
-    let notes: Vec<_> = summary.notes.by_line();
-    assert!(
-        matches!(notes[..], [(4, note)] if note.to_string().contains("machine coordinates")),
-        "{notes:?}"
-    );
+    is_only_note(&summary, "4: ", "machine coordinates");
 }
 
 #[test]
@@ -351,11 +355,7 @@ fn lines_that_get_too_long_are_noted() {
     let text = format!("G0 X0 Y0 Z0\nG1 Y500 ({})\n", "c".repeat(241));
     let (out, summary) = run("EXY = { poly = [0, 0.1] }\n", &text).expect("compensated");
     assert!(out.lines().any(|line| line.len() > 254));
-    let notes: Vec<_> = summary.notes.by_line();
-    assert!(
-        matches!(notes[..], [(2, note)] if note.to_string().contains("254 characters")),
-        "{notes:?}"
-    );
+    is_only_note(&summary, "2: ", "254 characters");
 }
 
 /// G80 in the block of the next motion is accepted, as in FANUC programs; two other motions in one block are refused.
@@ -426,9 +426,7 @@ G1 F100 X#5041\n | line 1: the value of X is only known at the machine
 fn no_line_is_added_between_a_probe_and_its_retract() {
     let errors = "EXX = { poly = [0.0, 0.04] }\nEYX = { poly = [0.0, 0.1] }\n";
     let program = "G0 X0 Y0 Z10\nG1 Z5 F100\nG38.2 X100 F100\nG1 X-5\nM2\n";
-    let errors = format!("[errors]\n{errors}");
-    let (out, _) = crate::identity::compensated(&errors, program.as_bytes()).expect("taken");
-    let out = String::from_utf8(out).expect("text");
+    let (out, _) = text_in("", &format!("[errors]\n{errors}"), program).expect("taken");
     let behind = out.lines().skip_while(|line| !line.starts_with("G38.2")).nth(1).expect("a line");
     assert!(behind.starts_with("G1 X-5") || behind.starts_with("G1 X-4.99"), "{out}");
 }

@@ -4,22 +4,19 @@
 //! blocks (/) also leave unknown positions: the result is right whether the operator skips them or not. The behaviour
 //! of controls is worked out by hand, for LinuxCNC by its interpreter (`rs274 -g`).
 
-use volcomp_model::Machine;
 use volcomp_nc::{Dialect, NcError, SetUp, Summary};
 use volcomp_test_support::{cases, rows};
 
 use crate::{
     flow::text,
-    identity::{TRAVELS, begins, compensated, compensated_in, has, written},
+    identity::{begins, compensated, has, notes_of, of_control, text_in, written_with},
 };
 
 /// Z is 0.1 µm per mm of X too high: 40 µm at 400 mm.
 const SLOPE: &str = "[errors]\nEZX = { poly = [0.0, 0.1] }\n";
 
 fn run(setup: &str, program: &str) -> Result<(String, Summary), NcError> {
-    let setup = SetUp::parse(setup, "s.toml").expect("a good set-up");
-    let (out, summary) = compensated_in(&setup, SLOPE, program.as_bytes())?;
-    Ok((String::from_utf8(out).expect("text"), summary))
+    text_in(setup, SLOPE, program)
 }
 
 fn result(setup: &str, program: &str) -> String {
@@ -32,9 +29,7 @@ fn refusal(program: &str) -> String {
 
 fn notes(setup: &str, program: &str) -> String {
     let (_, summary) = run(setup, program).expect(program);
-    let notes = summary.notes.by_line();
-    let notes = notes.iter().map(|(line, note)| format!("{line}: {note}\n"));
-    notes.collect()
+    notes_of(&summary).join("\n")
 }
 
 /// No word of Z is added where it would move by an unknown value: the difference of two offsets, machine zero to part zero, or a tool
@@ -119,12 +114,9 @@ fn no_word_is_added_where_controls_treat_tool_lengths_differently() {
         ("fanuc", "G0 X0 Y0 Z50.\nG28\n"),
         ("linuxcnc", "T7\nG43 G0 X0 Y0 Z50.\nG49\n"),
     ] {
-        let control = match control {
-            "" => String::new(),
-            name => format!("control = \"{name}\"\n"),
-        };
         let program = format!("{begins}G0 X400.\n");
-        let (out, summary) = run(&format!("{control}{stated}"), &program).expect(begins);
+        let setup = of_control(control) + stated;
+        let (out, summary) = run(&setup, &program).expect(begins);
         assert_eq!(out, program, "{control}");
         assert!(format!("{:?}", summary.notes).contains("LeftOut('Z')"), "{control}{begins}");
     }
@@ -134,10 +126,8 @@ fn no_word_is_added_where_controls_treat_tool_lengths_differently() {
 fn motions_from_an_assumed_position_are_not_split() {
     let bent = "[errors]\nEZX = { poly = [0.0, 0.0, 0.0005] }\n";
     let run = |program: &str| {
-        let (out, summary) =
-            compensated_in(&SetUp::default(), bent, program.as_bytes()).expect(program);
-        let notes = format!("{:?}", summary.notes);
-        (String::from_utf8(out).expect("text").lines().count(), notes)
+        let (out, summary) = text_in("", bent, program).expect(program);
+        (out.lines().count(), format!("{:?}", summary.notes))
     };
     let (lines, notes) = run("G54 G0 X0 Y0 Z50\nG55\nG1 X400 Z10 F100\n");
     assert_eq!(lines, 3, "a way from 50 mm under another offset is split");
@@ -148,12 +138,11 @@ fn motions_from_an_assumed_position_are_not_split() {
 
 #[test]
 fn other_languages_have_unknown_positions_too() {
-    let machine = Machine::parse(&format!("{TRAVELS}{SLOPE}"), "m.toml").expect("good");
     for program in [
         "L X+0 Y+0 Z+50 FMAX\nTOOL CALL 5 Z S100\nL X+400 FMAX\n",
         "L X+0 Y+0 Z+50 FMAX\nL Z+0 FMAX M91\nL X+400 FMAX\n",
     ] {
-        let (out, _) = written(Dialect::Heidenhain, &machine, "", program).expect("compensated");
+        let (out, _) = written_with(Dialect::Heidenhain, SLOPE, "", program).expect("compensated");
         assert_eq!(out, program);
     }
     // A length or work offset that an earlier program has left in the control.
@@ -163,7 +152,7 @@ fn other_languages_have_unknown_positions_too() {
         "G0 X0 Y0 Z50\nG500\nG0 X400\n",
         "G0 X0 Y0 Z50\nG54\nG0 X400\n",
     ] {
-        let (out, _) = written(Dialect::Siemens, &machine, "", program).expect("compensated");
+        let (out, _) = written_with(Dialect::Siemens, SLOPE, "", program).expect("compensated");
         assert_eq!(out, program);
     }
 }
@@ -183,9 +172,9 @@ fn coordinates_set_at_an_unknown_position_are_not_corrected() {
         let program = format!("{set}\nG0 X400 Z5\nG1 X200 F100\n");
         let (out, summary) = run("", &program).expect(set);
         assert_eq!(out, program);
-        let notes = summary.notes.by_line();
+        let notes = notes_of(&summary);
         assert!(
-            notes.iter().any(|(line, note)| *line == 1 && note.to_string().contains("[start]")),
+            notes.iter().any(|note| note.starts_with("1: ") && note.contains("[start]")),
             "{notes:?}"
         );
         // 400 mm from 100 mm are at 500 mm.
@@ -225,15 +214,14 @@ fn the_height_after_a_cycle_is_known_only_with_g98_or_g99() {
 fn a_rotation_turns_about_its_centre() {
     // The correction at the machine position along X and Y, rotated back.
     let errors = "[errors]\nEXX = { poly = [0.0, 0.2] }\nEYY = { poly = [0.0, 0.4] }\n";
-    let program = b"G0 X0 Y0 Z0\nG68 X10 Y5 R90\nG0 X20 Y0\nG69\n";
-    let (out, _) = compensated_in(&SetUp::default(), errors, program).expect("compensated");
+    let program = "G0 X0 Y0 Z0\nG68 X10 Y5 R90\nG0 X20 Y0\nG69\n";
+    let (out, _) = text_in("", errors, program).expect("compensated");
     let (sin, cos) = (1.0, 0.0);
     let [x, y] = [20.0 - 10.0, 0.0 - 5.0];
     let machine = [10.0 + cos * x - sin * y, 5.0 + sin * x + cos * y];
     let delta = [-2e-4 * machine[0], -4e-4 * machine[1]];
     let back = [cos * delta[0] + sin * delta[1], cos * delta[1] - sin * delta[0]];
     let expected = format!("G0 X{:.3} Y{:.3}", 20.0 + back[0], back[1]);
-    let out = String::from_utf8(out).expect("text");
     assert_eq!(out.lines().nth(2), Some(expected.as_str()), "{out}");
     for [program, why] in rows(
         r"
@@ -254,8 +242,7 @@ G68 X10 Y5 R90\nG92 X0\n | line 2: a shift of X or Y
     // The control may leave Y at its position, or at its number.
     for switches in ["G68 X10 Y5 R90\n", "G68 X10 Y5 R90\nG0 X20 Y0\nG69\n"] {
         let program = format!("G0 X20 Y0 Z0\n{switches}G0 X400\n");
-        let found = compensated_in(&SetUp::default(), errors, program.as_bytes());
-        let out = String::from_utf8(found.expect("compensated").0).expect("text");
+        let (out, _) = text_in("", errors, &program).expect("compensated");
         let last = out.lines().last().expect("a line");
         assert!(!last.contains('Y'), "{out}");
     }
@@ -317,7 +304,7 @@ fn assumed_zeros_and_uncorrected_motions_are_noted() {
     let found = notes("", program);
     assert_eq!(
         found,
-        "1: the set-up file has no work offset G54: zero is assumed\n2: motions in machine coordinates (G53, G28, G30, SUPA, M91) are copied without correction\n3: the set-up file has no position of G28 ([home.G28]): machine zero is assumed\n"
+        "1: the set-up file has no work offset G54: zero is assumed\n2: motions in machine coordinates (G53, G28, G30, SUPA, M91) are copied without correction\n3: the set-up file has no position of G28 ([home.G28]): machine zero is assumed"
     );
     let stated = "[work_offset.G54]\nX = 0\n[home.G28]\nX = 0\nY = 0\nZ = 0\n";
     assert_eq!(notes(stated, program).lines().count(), 1);
@@ -349,9 +336,7 @@ fn other_languages_are_recognised() {
 fn a_hole_from_an_unknown_height_leaves_an_unknown_height() {
     let without_start = |program: &str| {
         let (out, summary) = run("[work_offset.G54]\nX = 0\n", program).expect("taken");
-        let notes: Vec<String> =
-            (summary.notes.by_line().iter()).map(|(_, note)| note.to_string()).collect();
-        (out, notes.join("; "))
+        (out, notes_of(&summary).join("; "))
     };
     let (out, notes) = without_start("G98\nG81 X100 Y0 Z-10 R5\nX200\nG80\nG0 X300\nG0 X400 Z9\n");
     assert_eq!(
@@ -385,11 +370,7 @@ fn positions_are_unknown_after_a_change_of_tool_or_pallet() {
 #[test]
 fn an_arc_with_one_unknown_axis_is_not_split() {
     let errors = "[errors]\nEXX = { poly = [0.0, 0.05] }\n";
-    let result = |program: &str| {
-        let (out, _) =
-            compensated_in(&SetUp::default(), errors, program.as_bytes()).expect(program);
-        String::from_utf8(out).expect("text")
-    };
+    let result = |program: &str| text_in("", errors, program).expect(program).0;
     // Y is unknown until named; X is known and has -0.020 at 400 mm.
     for (arc, expected) in [
         ("G2 X420 I10 J0 F100", "G2 X419.980 I10 J0 F100"),
@@ -416,17 +397,10 @@ fn an_arc_with_one_unknown_axis_is_not_split() {
 fn words_of_unknown_codes_are_not_coordinates() {
     let skew = "[errors]\nEC0Y = 1000.0\n";
     let run = |control: &str, program: &str| {
-        let control = match control {
-            "" => String::new(),
-            control => format!("control = \"{control}\"\n"),
-        };
-        let setup = SetUp::parse(&control, "s.toml").expect("a good set-up");
-        let (out, summary) =
-            compensated_in(&setup, skew, program.as_bytes()).map_err(|error| error.to_string())?;
-        let notes: Vec<String> = (summary.notes.by_line().iter())
-            .map(|(line, note)| format!("{line}: {note}\n"))
-            .collect();
-        Ok::<_, String>((String::from_utf8(out).expect("text"), notes.concat()))
+        let found = text_in(&of_control(control), skew, program);
+        found
+            .map(|(out, summary)| (out, notes_of(&summary).join("\n")))
+            .map_err(|error| error.to_string())
     };
     for control in ["", "linuxcnc", "fanuc", "haas", "mazak", "grbl"] {
         for block in [
@@ -503,16 +477,14 @@ G1 X1 M8 R5 | R with G1
 ",
     ) {
         for control in ["", "linuxcnc", "fanuc", "haas", "mazak", "grbl"] {
-            let control = match control {
-                "" => String::new(),
-                control => format!("control = \"{control}\"\nwithout_point = \"unit\"\n"),
-            };
-            let control = control.replace("linuxcnc\"\nwithout_point = \"unit\"", "linuxcnc\"");
-            let control = control.replace("grbl\"\nwithout_point = \"unit\"", "grbl\"");
+            let mut setup = of_control(control);
+            if matches!(control, "fanuc" | "haas" | "mazak") {
+                setup += "without_point = \"unit\"\n";
+            }
             let program = format!("G90 G17 G0 X0 Y0 Z0\nG1 F100\n{line}\n");
-            let message = run(&control, &program).expect_err(line).to_string();
+            let message = run(&setup, &program).expect_err(line).to_string();
             let expected = format!("line 3: {why}");
-            assert!(message.starts_with(&expected), "{control}{line}: {message}");
+            assert!(message.starts_with(&expected), "{setup}{line}: {message}");
         }
     }
     for line in [
@@ -530,7 +502,7 @@ G1 X1 M8 R5 | R with G1
         run("", &format!("G90 G17 G0 X0 Y0 Z0\nG1 F100\n{line}\n")).expect(line);
     }
     for control in ["marlin", "klipper"] {
-        let setup = format!("control = \"{control}\"\n");
+        let setup = of_control(control);
         run(&setup, "M83\nG1 X1 E1\n").expect("filament");
         let message = run(&setup, "G1 X1 Q1\n").expect_err("refused").to_string();
         assert!(message.starts_with("line 1: Q with G1"), "{message}");
@@ -553,9 +525,7 @@ fn a_spline_is_not_split() {
     ] {
         for y in ["", " Y0"] {
             let program = format!("G0 X400{y}\n{spline}\nG90 G1 X800 Y0 F100\n");
-            let (out, summary) =
-                compensated_in(&SetUp::default(), errors, program.as_bytes()).expect(spline);
-            let out = String::from_utf8(out).expect("text");
+            let (out, summary) = text_in("", errors, &program).expect(spline);
             assert_eq!(out, format!("G0 X399.980{y}\n{expected}\nG90 G1 X799.960 Y0 F100\n"));
             let notes = format!("{:?}", summary.notes);
             assert!(notes.contains("GoesWhole"), "{notes}");
@@ -568,9 +538,8 @@ fn a_spline_is_not_split() {
 #[test]
 fn unknown_axes_in_cycles_and_in_each_language() {
     let errors = "[errors]\nEXX = { poly = [0.0, 0.05] }\nEYX = { poly = [0.0, 0.2] }\nEZX = { poly = [0.0, 0.1] }\n";
-    let machine = Machine::parse(&format!("{TRAVELS}{errors}"), "m.toml").expect("good");
     let run = |dialect, program: &str| {
-        let written = written(dialect, &machine, "", program);
+        let written = written_with(dialect, errors, "", program);
         written.map(|(text, _)| text).map_err(|error| error.to_string())
     };
     for [language, program, expected] in rows(

@@ -64,7 +64,7 @@ fn short_lines_have_few_positions() {
         ("G1 F100 X101\n", 16, 10.1),
         ("G2 F100 X2 I1\n", 8, 0.2),
     ] {
-        let found = compared(truth, &SetUp::default(), program, program, &[1.0]);
+        let found = compared(truth, program, program, &[1.0]);
         assert_eq!(found.places, places, "{program}");
         assert!((found.before.max_um - largest_um).abs() < 1e-6, "{program}: {found:?}");
     }
@@ -81,15 +81,9 @@ fn a_result_of_another_program_is_refused() {
 }
 
 /// Compares a program with a hand-written result on a machine with these errors.
-fn compared(
-    truth: &str,
-    setup: &SetUp,
-    program: &str,
-    result: &str,
-    shares: &[f64],
-) -> Verification {
+fn compared(truth: &str, program: &str, result: &str, shares: &[f64]) -> Verification {
     let truth = Machine::parse(&format!("{TRAVELS}{truth}"), "m.toml").expect("a good machine");
-    let found = verified_by(&truth, setup, Dialect::Rs274, [program, result], shares);
+    let found = verified_by(&truth, &SetUp::default(), Dialect::Rs274, [program, result], shares);
     found.expect("verified")
 }
 
@@ -98,9 +92,8 @@ fn compared(
 #[test]
 fn deviations_along_the_path_are_not_across() {
     let ways = |truth: &str, program: &str| {
-        let setup = SetUp::default();
         let shares = vec![1.0; program.lines().count()];
-        compared(truth, &setup, program, program, &shares).before
+        compared(truth, program, program, &shares).before
     };
     let scale = "[errors]\nEXX = { poly = [0.0, 0.1] }\n";
     let along = ways(scale, "G1 F100 X100\n");
@@ -138,11 +131,10 @@ fn deviations_along_the_path_are_not_across() {
 fn the_deviation_before_is_independent_of_the_result() {
     let truth = "[errors]\nEXX = { mean = { poly = [0.0, 0.05, 0.0002] }, reversal = -3 }\nEYX = { poly = [0.0, 0.1, 0.001] }\n";
     let program = "G1 F100 X300 Y40\nG3 X200 Y60 R80\n";
-    let setup = SetUp::default();
-    let whole = compared(truth, &setup, program, program, &[1.0, 1.0]);
+    let whole = compared(truth, program, program, &[1.0, 1.0]);
     let split = "G1 F100 X30 Y4\nX30\nX250.02 Y33.4\nX300.01 Y40\nG3 X200 Y60 R80\n";
     let shares = [0.1, 0.1, 0.833_333_3, 1.0, 1.0];
-    let parts = compared(truth, &setup, program, split, &shares);
+    let parts = compared(truth, program, split, &shares);
     assert_eq!(whole.before, parts.before);
     assert_eq!((whole.motions, whole.places), (parts.motions, parts.places));
     assert_eq!(whole.after, whole.before);
@@ -155,15 +147,14 @@ fn the_deviation_before_is_independent_of_the_result() {
 #[test]
 fn worsened_motions_are_counted() {
     let truth = "[errors]\nEXX = { poly = [0.0, 0.01] }\n";
-    let setup = SetUp::default();
     let program = "G1 F100 X100\nX200\nX200 Y50\n";
     // 100.001 is 2.0 µm off, as 200.0 was; then 1.0, and 1.0 of 2.0.
     let result = "G1 F100 X100.001\nX199.999\nX200 Y50\n";
-    let found = compared(truth, &setup, program, result, &[1.0; 3]);
+    let found = compared(truth, program, result, &[1.0; 3]);
     assert_eq!(found.further.motions, 1, "{found:?}");
     assert_eq!(found.further.line, Some(1), "{found:?}");
     assert!((found.further.by_um - 1.0).abs() < 1e-3, "{found:?}");
-    let same = compared(truth, &setup, program, program, &[1.0; 3]);
+    let same = compared(truth, program, program, &[1.0; 3]);
     assert_eq!(same.further, volcomp_nc::Verification::default().further);
 }
 
