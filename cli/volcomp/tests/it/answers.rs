@@ -157,12 +157,10 @@ fn one_short_run_is_null_where_it_cannot_be_evaluated() {
 #[test]
 fn fit_gives_a_curve_of_the_machine_file() {
     let dir = Folder::new();
-    let path = dir.path().join("line.csv");
     let rows: String = (0..21).fold("target,deviation\n".to_owned(), |rows, i| {
         rows + &format!("{},{}\n", i * 100, 0.5 + 0.01 * f64::from(i * 100))
     });
-    std::fs::write(&path, rows).expect("written");
-    let path = path.to_str().expect("UTF-8");
+    let path = &dir.write("line.csv", rows);
     for method in ["poly", "chebyshev", "mls", "bspline"] {
         // A B-spline has a fixed order.
         let order = ["--order", "2"].into_iter().filter(|_| method != "bspline");
@@ -237,10 +235,9 @@ fn calibrate_writes_a_machine_file_that_error_reads() {
 #[test]
 fn form_of_points_in_a_file() {
     let folder = Folder::new();
-    let path = folder.file("points.csv");
     // Corners and side middles of a square. Two of the four side middles are 20 µm nearer to the centre.
     let points = "name;x mm;y mm;z mm\na;10;0;5\nb;0;9,98;5\nc;-10;0;5\n\nd;0;-9,98;5\n";
-    std::fs::write(&path, points).expect("written");
+    let path = folder.write("points.csv", points);
     let call = ["form", &path, "--feature", "circle", "--plane", "xy"];
     let answer = json(&[&call[..], &["--datum", "0.3,0.4,0,0,0,-2"]].concat());
     for (k, expected) in [0.0, 0.0, 5.0].into_iter().enumerate() {

@@ -102,11 +102,9 @@ fn signs_of_errors_on_reversed_and_slanted_axes_are_told() {
 #[test]
 fn an_error_stated_as_zero_is_told_apart_from_one_not_stated() {
     let folder = Folder::new();
-    let path = folder.path().join("machine.toml");
     let machine = "structure = \"w X' b Y t\"\n[axes]\nX.travel = [0, 100]\nY.travel = [5, 100]\n\
         [errors]\nEXX = { poly = [0.0] }\nEC0Y = 0.0\n[assembly]\nY = [1, 0, 0, 0, 0, 2]\n";
-    fs::write(&path, machine).expect("written");
-    let path = path.display().to_string();
+    let path = &folder.write("machine.toml", machine);
     let answer = json(&["check", &path]);
     assert_eq!(answer["zero"], json!(["EXX", "EC0Y"]));
     assert_eq!(answer["errors"], json!([]));
@@ -152,10 +150,9 @@ fn a_compiled_machine_is_read_back() {
 #[test]
 fn travel_in_radians_is_asked_about() {
     let folder = Folder::new();
-    let path = folder.file("machine.toml");
     let machine =
         "structure = \"w C' b X t\"\n[axes]\nX.travel = [0, 500]\nC.travel = [0, 6.2832]\n";
-    fs::write(&path, machine).expect("written");
+    let path = folder.write("machine.toml", machine);
     for call in [
         &["check", &path][..],
         &["error", "-m", &path, "--at", "X=1,C=1"],

@@ -117,11 +117,10 @@ fn a_model_against_itself_is_called_so_and_another_truth_shows() {
     contains(&shown, "the model against itself");
     assert!(!text(&["diagonals", "-m", GANTRY]).contains("against itself"));
     let folder = Folder::new();
-    let truth = folder.file("truth.toml");
     let machine = fs::read_to_string(root().join(GANTRY)).expect("read");
     let other = machine.replace("EXX = { poly = [0.0, 0.0073,", "EXX = { poly = [0.0, 0.00855,");
     assert_ne!(other, machine);
-    fs::write(&truth, other).expect("written");
+    let truth = folder.write("truth.toml", other);
     let answer = json(&["diagonals", "-m", GANTRY, "--truth", &truth]);
     // Direction cosine of X in the diagonal: 8000 mm of √(8000² + 4000² + 2500²) mm.
     let share = 8000.0 / (8000.0_f64.powi(2) + 4000.0_f64.powi(2) + 2500.0_f64.powi(2)).sqrt();

@@ -403,9 +403,8 @@ fn failure(arguments: &[&str]) -> (Option<i32>, Value) {
 #[test]
 fn a_failure_is_one_object_on_standard_error() {
     let folder = Folder::new();
-    let machine = folder.file("machine.toml");
     let text = fs::read_to_string(root().join(GANTRY)).expect("read");
-    fs::write(&machine, text.replace("EC0Y = 12.0", "EC0Y = nan")).expect("written");
+    let machine = folder.write("machine.toml", text.replace("EC0Y = 12.0", "EC0Y = nan"));
     let (status, error) = failure(&["check", &machine]);
     assert_eq!(status, Some(2));
     assert_eq!(error["kind"], "input");
@@ -413,8 +412,7 @@ fn a_failure_is_one_object_on_standard_error() {
     assert!(error["line"].as_u64().is_some_and(|line| line > 10), "{error}");
     assert_eq!(error["key"], "errors.EC0Y");
     assert!(error["message"].as_str().is_some_and(|m| m.contains("found nan")));
-    let points = folder.file("points.csv");
-    fs::write(&points, "X;Y\n1;2\n1;x\n").expect("written");
+    let points = folder.write("points.csv", "X;Y\n1;2\n1;x\n");
     let (_, error) = failure(&["error", "-m", GANTRY, "--points", &points]);
     assert_eq!(
         (&error["file"], &error["line"], &error["key"]),

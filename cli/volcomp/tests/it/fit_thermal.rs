@@ -65,9 +65,8 @@ fn displacements_are_the_errors_that_the_call_names() {
     let gap = channels[1]["toml"].as_str().expect("text");
     assert!(gap.starts_with("# Put the error that ch2_um is in place of ???."), "{gap}");
     let folder = Folder::new();
-    let path = folder.file("m.toml");
     let axes = volcomp_test_support::machines::gantry([[0.0, 1.0]; 3]);
-    std::fs::write(&path, format!("{axes}[thermal]\nreference = 20.0\n{gap}")).expect("written");
+    let path = folder.write("m.toml", format!("{axes}[thermal]\nreference = 20.0\n{gap}"));
     refuses(&["check", &path], "???");
     let table = "
 ch9_um=EZZ => found no displacement ch9_um to fit, expected one of ch1_um

@@ -78,9 +78,8 @@ fn an_uncertainty_of_another_machine_is_refused() {
 #[test]
 fn a_machine_without_linear_axes_has_no_map() {
     let folder = Folder::new();
-    let machine = folder.file("table.toml");
     let text = "structure = \"w C' b t\"\n[axes]\nC.travel = [0, 360]\n[errors]\nECC = 5.0\n";
-    fs::write(&machine, text).expect("written");
+    let machine = folder.write("table.toml", text);
     refuses(
         &["map", "-m", &machine, "--grid", "5x5x5"],
         "structure `w C' b t`, expected one of the axes X, Y and Z for a map",
@@ -183,7 +182,6 @@ fn a_rigid_motion_of_the_workpiece_is_no_error_of_form() {
 fn over_all_axes_a_model_without_rotary_errors_is_told_apart() {
     const TRUTH: &str = "examples/table-tilting.toml";
     let folder = Folder::new();
-    let without = folder.file("without.toml");
     let text = fs::read_to_string(root().join(TRUTH)).expect("the example");
     let kept: Vec<&str> = text
         .lines()
@@ -193,7 +191,7 @@ fn over_all_axes_a_model_without_rotary_errors_is_told_apart() {
                 .any(|name| line.starts_with(name))
         })
         .collect();
-    fs::write(&without, kept.join("\n")).expect("written");
+    let without = folder.write("without.toml", kept.join("\n"));
     let judged = |model: &str| json(&["map", "-m", model, "--truth", TRUTH, "--grid", "3x3x3"]);
     let number = |value: &Value, key: &str| float(&value[key]);
     let (known, unknown) = (judged(TRUTH), judged(&without));
@@ -331,10 +329,9 @@ fn vtk_files_hold_each_axis_at_its_own_place() {
 #[test]
 fn the_tilt_of_the_tool_is_told_apart_from_the_rotation_about_it() {
     let folder = Folder::new();
-    let path = folder.file("m.toml");
     let text = "structure = \"w C' b X Y Z t\"\n[axes]\nX.travel = [-200, 200]\nY.travel = [-200, 200]\nZ.travel = [-300, 0]\n\
                 C.travel = [-180, 180]\n[errors]\nECC = 200.0\nEAC = 50.0\n";
-    fs::write(&path, text).expect("written");
+    let path = folder.write("m.toml", text);
     let call = ["map", "-m", &path, "--grid", "2x2x2", "--exact"];
     let answer = json(&call);
     let of = |key: &str| answer["all_axes"][key].as_f64().expect(key);

@@ -144,9 +144,8 @@ fn people_read_the_verdict() {
 #[test]
 fn wrong_rotary_axes_do_not_pass() {
     let folder = Folder::new();
-    let machine = folder.file("rotary.toml");
     let text = "structure = \"w C' A' b X Y Z t\"\n[axes]\nX.travel = [-300.0, 300.0]\nY.travel = [-200.0, 200.0]\nZ.travel = [-150.0, 150.0]\nA.travel = [-110.0, 30.0]\nC.travel = [-360.0, 360.0]\n[errors]\nEX0C = 200.0\nEY0A = 150.0\nEZ0A = 80.0\nEA0C = 300.0\nEXX = { poly = [0.0, 0.001] }\n";
-    fs::write(&machine, text).expect("written");
+    let machine = folder.write("rotary.toml", text);
     let (document, _) = report(&[&machine, "--tolerance", "V=5"]);
     assert_eq!(document["verdict"], "fail", "{document}");
     let of = &document["volumetric"];

@@ -102,10 +102,8 @@ fn axes_are_found_and_a_singular_pose_is_named() {
     contains(&shown, "beyond the travel of Z");
     // A rotary axis between Z and X can make Z and X parallel.
     let folder = Folder::new();
-    let path = folder.path().join("machine.toml");
     let machine = "structure = \"w Z' B' b X Y t\"\n[axes]\nZ.travel = [-500, 500]\nB.travel = [-180, 180]\nX.travel = [-500, 500]\nY.travel = [-500, 500]\n";
-    fs::write(&path, machine).expect("written");
-    let path = path.display().to_string();
+    let path = &folder.write("machine.toml", machine);
     let call = format!("axes -m {path} --tip 0,2,30 --tool-axis 1,0,0");
     let found = json(&call);
     assert_eq!((&found["singular"], names(&found["free"])), (&true.into(), vec!["Z", "X"]));
@@ -224,10 +222,9 @@ fn a_run_out_shows_whatever_the_number_of_nodes() {
     }
     // Some controls state a full turn as 0° to 359.999°.
     let folder = Folder::new();
-    let nearly = folder.file("nearly.toml");
     let text = std::fs::read_to_string(root().join("examples/trunnion.toml")).expect("read");
     let text = text.replace("travel = [-360.0, 360.0]", "travel = [0.0, 359.999]");
-    std::fs::write(&nearly, text).expect("written");
+    let nearly = folder.write("nearly.toml", text);
     let found = json(&["sensitivity", "-m", &nearly, "--grid", "3", "--values"]);
     let errors = list(&found["errors"]);
     let of = errors.iter().find(|error| error["name"] == "ECC").expect("ECC");
@@ -242,9 +239,8 @@ fn a_run_out_shows_whatever_the_number_of_nodes() {
 #[test]
 fn one_node_of_a_turn_is_the_middle() {
     let folder = Folder::new();
-    let machine = folder.file("turning.toml");
     let text = "structure = \"w C' b X t\"\n[axes]\nC.travel = [0, 360]\nX.travel = [0, 400]\n[errors]\nECC = { poly = [0.0, 1.0] }\nEXX = { poly = [0.0, 0.1] }\n";
-    std::fs::write(&machine, text).expect("written");
+    let machine = folder.write("turning.toml", text);
     let found = json(&["sensitivity", "-m", &machine, "--grid", "1", "--values"]);
     assert_eq!(found["positions"], 1);
     let errors = list(&found["errors"]);

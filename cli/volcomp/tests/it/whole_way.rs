@@ -304,15 +304,13 @@ fn an_interrupt_leaves_nothing_half_written() {
 #[test]
 fn settings_without_a_leave_one_out_error_are_told() {
     let folder = Folder::new();
-    let path = folder.path().join("uneven.csv");
     let mut table = "target,deviation\n".to_owned();
     // Targets in clusters: for the last target, other targets are just inside the edge of some supports.
     for x in [0, 12, 24, 150, 186, 198, 312, 324, 336, 450, 498, 612] {
         let reading = (0.02 * f64::from(x)).sin() + 0.3 * f64::from(x * 7 % 5);
         let _ = writeln!(table, "{x},{reading}");
     }
-    fs::write(&path, table).expect("written");
-    let path = path.display().to_string();
+    let path = &folder.write("uneven.csv", table);
     let call = format!("fit {path} --method mls --scan --order 1 --support 1");
     let answer = json(&call);
     let scan = list(&answer["scan"]);

@@ -150,10 +150,9 @@ fn an_output_is_opened_before_the_work_starts() {
 #[test]
 fn options_of_a_fit_that_have_no_effect_are_refused() {
     let folder = Folder::new();
-    let path = folder.file("m.csv");
     let rows: Vec<String> = (0..12).map(|row| format!("{},{}\n", 10 * row, row % 5)).collect();
     let rows = rows.concat();
-    std::fs::write(&path, format!("target_mm,deviation_um\n{rows}")).expect("written");
+    let path = folder.write("m.csv", format!("target_mm,deviation_um\n{rows}"));
     for (options, expected) in [
         (&["mls", "--auto", "--order", "9"][..], "--order"),
         (&["mls", "--auto", "--support", "0.5"][..], "--support"),
