@@ -269,7 +269,7 @@ fn by_file(
 /// Size of residuals: for `points` and `sphere` the distance in space, otherwise the residual
 /// itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Figures {
     /// Root mean square, µm.

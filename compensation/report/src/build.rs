@@ -16,8 +16,8 @@ use volcomp_vocabulary::{AxisKind, AxisName, Direction, ErrorName};
 use crate::{
     curves::{curves, runs_of, stated_curves},
     report::{
-        AxisTravel, Contribution, FigureUncertainty, Head, Identified, Left, Location, Parameter,
-        Positioning, Report, SourceFile, Square, Tilt, Uncertainty, Warning, WarningKind, Weighted,
+        Contribution, FigureUncertainty, Head, Identified, Location, Parameter, Positioning,
+        Report, SourceFile, Square, Tilt, Uncertainty, Warning, WarningKind,
     },
 };
 
@@ -253,11 +253,6 @@ pub(crate) fn head<'a>(
         (Some(owner), None) => Some(owner.clone()),
         _ => None,
     };
-    let axes = machine.axes().iter().map(|axis| AxisTravel {
-        axis: axis.name.to_string(),
-        travel: axis.travel,
-        unit: axis.name.kind().coordinate_unit().to_owned(),
-    });
     Head {
         source: source.to_owned(),
         machine: stated.machine.clone().or_else(|| of_files(|m| m.machine.clone())),
@@ -272,7 +267,7 @@ pub(crate) fn head<'a>(
         material_degc: (stated.material_degc)
             .or_else(|| of_sensors(|e| e.material_temperature.into_iter().flatten().collect())),
         structure: machine.chain().structure().to_string(),
-        axes: axes.collect(),
+        axes: machine.axes().iter().map(|axis| (axis.name, axis.travel)).collect(),
         tool_tip_mm: machine.chain().tool_tip_mm().into(),
         files: Vec::new(),
     }
@@ -559,14 +554,6 @@ pub(crate) fn identified(found: &Identification) -> Identified {
         unit: unit_symbol(parameter.unit).to_owned(),
         given_zero: parameter.given_zero.clone(),
     });
-    let left = |of: volcomp_identify::Figures| Left {
-        rms_um: of.rms_um,
-        max_um: of.max_um,
-        rows: of.rows,
-    };
-    let weighted =
-        |(name, weight): &(String, f64)| Weighted { name: name.clone(), weight: *weight };
-    let null = found.null.iter();
     let next = found.next.as_ref().map(|next| {
         let pose = next.pose.iter().map(|(axis, at)| format!("{axis} = {at:.1}"));
         let mut with: Vec<String> = pose.collect();
@@ -580,10 +567,10 @@ pub(crate) fn identified(found: &Identification) -> Identified {
         of: found.parameters.len().saturating_sub(found.redundant.len()),
         score: found.score_of_determined,
         excess: found.excess,
-        residual: left(found.residual),
-        left_out: found.left_out.map(|of| left(of.figures)),
-        judged: found.judged.map(left),
-        null_space: null.map(|of| of.iter().map(weighted).collect()).collect(),
+        residual: found.residual,
+        left_out: found.left_out.map(|of| of.figures),
+        judged: found.judged,
+        null_space: found.null.clone(),
         redundant: found.redundant.clone(),
         next,
     }

@@ -18,12 +18,13 @@ pub use pictures::{
     squareness_picture, straightness_picture,
 };
 pub use report::{
-    AxisTravel, Band, Branch, Check, CheckOf, Contribution, Curve, CurveLine, Diagonal, Diagonals,
-    Drawn, FigureUncertainty, FitNumbers, Head, Identified, Left, Location, OfState, Parameter,
-    Positioning, Report, Residual, Run, Size, Slice, SourceFile, Square, Standing, State, Tilt,
-    Uncertainty, VOLUME, Vector, Volume, Warning, WarningKind, Weighted,
+    Band, Branch, Check, CheckOf, Contribution, Curve, CurveLine, Diagonal, Diagonals, Drawn,
+    FigureUncertainty, FitNumbers, Head, Identified, Location, OfState, Parameter, Positioning,
+    Report, Residual, Run, Size, Slice, SourceFile, Square, State, Tilt, Uncertainty, VOLUME,
+    Vector, Volume, Warning, WarningKind,
 };
 pub use tolerance::{checks, refuse_two_units, tolerances};
 pub use volcomp_fit::BandSource;
+pub use volcomp_identify::Figures;
 pub use volcomp_metrology::{Edition, Tolerance, Verdict};
 pub use volume::{ErrorAt, uncertainty, volume};

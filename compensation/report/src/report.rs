@@ -2,8 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 use volcomp_fit::BandSource;
+use volcomp_identify::Figures;
 use volcomp_metrology::{Iso230Part2, Vdi3441, Verdict};
-use volcomp_vocabulary::{Direction, ErrorName};
+use volcomp_vocabulary::{AxisName, Direction, ErrorName};
 
 /// Symbol of the largest error of the tool tip over poses of all axes, after best-fit rigid-body alignment of the workpiece.
 pub const VOLUME: &str = "V";
@@ -87,23 +88,12 @@ pub struct Head {
     pub material_degc: Option<[f64; 2]>,
     /// Structure code of the machine, such as `w X' b Y Z t`.
     pub structure: String,
-    /// Travel of every axis of the machine.
-    pub axes: Vec<AxisTravel>,
+    /// Every axis of the machine, with both ends of its travel, mm or deg.
+    pub axes: Vec<(AxisName, [f64; 2])>,
     /// The tool tip to which volumetric errors refer, mm.
     pub tool_tip_mm: [f64; 3],
     /// The measurement files, with their dates and numbers of runs.
     pub files: Vec<SourceFile>,
-}
-
-/// An axis, with its travel in mm (linear) or deg (rotary).
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct AxisTravel {
-    /// The axis letter.
-    pub axis: String,
-    /// Both ends of the travel, mm or deg.
-    pub travel: [f64; 2],
-    /// `mm` or `deg`.
-    pub unit: String,
 }
 
 /// A measurement file.
@@ -465,17 +455,8 @@ pub struct Volume {
     pub vectors: Vec<Vector>,
     /// Number of poses of all axes at which the error was evaluated for the alignment of the workpiece.
     pub poses: usize,
-    /// Axes at fixed coordinates in the maps and vectors.
-    pub standing: Vec<Standing>,
-}
-
-/// An axis at a fixed coordinate.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Standing {
-    /// Letter of the axis.
-    pub axis: String,
-    /// Coordinate of the axis: deg for a rotary axis, else mm.
-    pub at: f64,
+    /// Axes at fixed coordinates (mm or deg) in the maps and vectors.
+    pub standing: Vec<(AxisName, f64)>,
 }
 
 /// Size of the volumetric error over poses of all axes.
@@ -491,8 +472,8 @@ pub struct Size {
     pub form_rms_um: f64,
     /// Largest tilt of the tool axis after alignment, µrad.
     pub tilt_urad: f64,
-    /// Pose with the largest error of the tip after alignment.
-    pub at: Vec<Standing>,
+    /// Pose with the largest error of the tip after alignment, mm and deg.
+    pub at: Vec<(AxisName, f64)>,
     /// Name of the tool with the largest error after alignment; empty: the tool in the spindle.
     pub tool: String,
 }
@@ -506,9 +487,8 @@ impl Size {
 }
 
 /// Formats a pose, such as `X 500.0, C 90.0`.
-pub(crate) fn place(at: &[Standing]) -> String {
-    let parts: Vec<String> =
-        at.iter().map(|Standing { axis, at }| format!("{axis} {at:.1}")).collect();
+pub(crate) fn place(at: &[(AxisName, f64)]) -> String {
+    let parts: Vec<String> = at.iter().map(|(axis, at)| format!("{axis} {at:.1}")).collect();
     parts.join(", ")
 }
 
@@ -516,11 +496,11 @@ pub(crate) fn place(at: &[Standing]) -> String {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Slice {
     /// Axis drawn to the right.
-    pub across: String,
+    pub across: AxisName,
     /// Axis drawn upwards.
-    pub up: String,
-    /// Axis at the fixed coordinate of the plane; `None` on a machine without a third axis, and for a map over rotary axes.
-    pub held: Option<Standing>,
+    pub up: AxisName,
+    /// Axis at the fixed coordinate (mm) of the plane; `None` on a machine without a third axis, and for a map over rotary axes.
+    pub held: Option<(AxisName, f64)>,
     /// Nodes on the axis to the right, mm or deg, ascending.
     pub x: Vec<f64>,
     /// Nodes on the upward axis, mm or deg, ascending.
@@ -577,8 +557,8 @@ pub struct Drawn {
     pub rms_um: f64,
     /// Maximum standard uncertainty (k = 1) of the position error over these poses, µm.
     pub max_um: f64,
-    /// Pose with the largest standard uncertainty.
-    pub at: Vec<Standing>,
+    /// Pose with the largest standard uncertainty, mm and deg.
+    pub at: Vec<(AxisName, f64)>,
 }
 
 /// Results of an identification from observations of the whole machine.
@@ -595,13 +575,13 @@ pub struct Identified {
     /// Factor by which the uncertainties exceed those from the stated uncertainties alone, because of the residuals.
     pub excess: f64,
     /// Residuals of the fitted rows.
-    pub residual: Left,
+    pub residual: Figures,
     /// Residuals of rows omitted from the fit (cross-validation); `None`: not computed.
-    pub left_out: Option<Left>,
+    pub left_out: Option<Figures>,
     /// Residuals of rows that were only predicted; `None` without such rows.
-    pub judged: Option<Left>,
-    /// Combinations of unknowns without effect on the observations.
-    pub null_space: Vec<Vec<Weighted>>,
+    pub judged: Option<Figures>,
+    /// Combinations of unknowns without effect on the observations: name and weight of each unknown.
+    pub null_space: Vec<Vec<(String, f64)>>,
     /// Names of unknowns that are zero by convention.
     pub redundant: Vec<String>,
     /// Description of the pose whose measurement would reduce the uncertainty most; `None` if nothing is uncertain.
@@ -632,26 +612,6 @@ impl Identified {
             error.parse::<ErrorName>().is_ok() && !self.redundant.iter().any(|zero| zero == name)
         })
     }
-}
-
-/// Size of the residuals of rows of observations.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Left {
-    /// Root mean square of the residuals, µm.
-    pub rms_um: f64,
-    /// Largest residual, µm.
-    pub max_um: f64,
-    /// Number of rows with these residuals.
-    pub rows: usize,
-}
-
-/// Unknown with its weight in a combination without effect on the observations.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Weighted {
-    /// Name of the unknown.
-    pub name: String,
-    /// Weight of the unknown in the combination.
-    pub weight: f64,
 }
 
 /// Result for one unknown.

@@ -8,14 +8,14 @@ use volcomp_kinematics::{
 };
 use volcomp_model::{
     DIAGONAL_TARGETS, ErrorField, Lengths, Machine, MapGrid, ModelError, RigidMotion, Temperatures,
-    UNCERTAINTY_POSES, VolumetricError, corrected, diagonal_targets, diagonals, poses_of_all_axes,
-    residual, volumetric,
+    UNCERTAINTY_POSES, VolumetricError, corrected, diagonals, poses_of_all_axes, residual,
+    volumetric,
 };
 use volcomp_vocabulary::{AxisName, Displacement};
 
 use crate::report::{
-    Diagonal, Diagonals, Drawn, OfState, Report, Size, Slice, Standing, State, Vector, Volume,
-    Warning, WarningKind,
+    Diagonal, Diagonals, Drawn, OfState, Report, Size, Slice, State, Vector, Volume, Warning,
+    WarningKind,
 };
 
 const CELLS: usize = 25;
@@ -82,26 +82,22 @@ pub fn volume(
 }
 
 /// Axes other than X, Y and Z, which do not move in the maps, with their coordinates.
-fn standing(machine: &Machine, others: &[(AxisName, f64)]) -> Vec<Standing> {
+fn standing(machine: &Machine, others: &[(AxisName, f64)]) -> Vec<(AxisName, f64)> {
     let moved = [AxisName::X, AxisName::Y, AxisName::Z];
     let stand = machine.axes().iter().filter(|axis| !moved.contains(&axis.name));
     stand
         .map(|axis| {
             let stated = others.iter().find(|(name, _)| *name == axis.name);
             let at = stated.map_or_else(|| axis.nearest_zero(), |(_, at)| *at);
-            Standing { axis: axis.name.to_string(), at }
+            (axis.name, at)
         })
         .collect()
 }
 
 /// Coordinates of all axes at a pose, mm and deg.
-fn standing_at(machine: &Machine, pose: &Pose) -> Vec<Standing> {
+fn standing_at(machine: &Machine, pose: &Pose) -> Vec<(AxisName, f64)> {
     let axes = machine.axes().iter().zip(&pose.q);
-    axes.map(|(axis, q)| Standing {
-        axis: axis.name.to_string(),
-        at: Displacement::new(axis.name.kind(), *q).mm_or_deg(),
-    })
-    .collect()
+    axes.map(|(axis, q)| (axis.name, Displacement::new(axis.name.kind(), *q).mm_or_deg())).collect()
 }
 
 struct Beside<'a> {
@@ -128,15 +124,13 @@ fn by_axis(grid: &MapGrid, place: [f64; 3]) -> [f64; 3] {
 }
 
 fn size(found: &VolumetricError) -> Size {
-    let stands =
-        found.position.at.iter().map(|(name, at)| Standing { axis: name.to_string(), at: *at });
     Size {
         max_um: 1e3 * found.max_mm,
         rms_um: 1e3 * found.rms_mm,
         form_max_um: 1e3 * found.position.value,
         form_rms_um: 1e3 * found.position_rms_mm,
         tilt_urad: 1e6 * found.tilt.value,
-        at: stands.collect(),
+        at: found.position.at.iter().map(|(name, at)| (*name, *at)).collect(),
         tool: found.position.tool.clone(),
     }
 }
@@ -170,9 +164,9 @@ fn slices(
         // X varies fastest, then Y, so `across` varies before `up`; the third axis has one node.
         let poses: Vec<Pose> = (0..grid.len()).map(|index| grid.node(machine, index).1).collect();
         found.push(Slice {
-            across: across.to_string(),
-            up: up.to_string(),
-            held: nodes(held).first().map(|at| Standing { axis: held.to_string(), at: *at }),
+            across,
+            up,
+            held: nodes(held).first().map(|at| (held, *at)),
             x: nodes(across),
             y: nodes(up),
             before_um: lengths(before, &poses),
@@ -212,8 +206,8 @@ fn slices(
             }
         }
         found.push(Slice {
-            across: across.name.to_string(),
-            up: up.name.to_string(),
+            across: across.name,
+            up: up.name,
             held: None,
             before_um: lengths(before, &poses),
             after_um: after.map(|after| lengths(after, &poses)),
@@ -451,17 +445,23 @@ fn body_diagonals(
     let points = DIAGONAL_TARGETS as usize;
     let none = Temperatures::new();
     let along = diagonals(actual, &actual.source(&none), points, others, command)?;
-    let targets = diagonal_targets(actual, points, others)?;
-    let named = along.into_iter().zip(targets).map(|(found, (_, poses))| {
-        let tips = poses.iter().map(|pose| machine.chain().ideal_tip_mm(pose));
+    Ok(Some(along.iter().map(|found| Diagonal::of(machine, found)).collect()))
+}
+
+impl Diagonal {
+    /// The deviations of `found` by the distance of the ideal tool tip of `machine` from the first target.
+    pub fn of(machine: &Machine, found: &volcomp_model::Diagonal) -> Self {
+        let tips = found.at.iter().map(|at| {
+            let at: Vec<(AxisName, f64)> = at.iter().map(|(axis, at)| (*axis, *at)).collect();
+            // The targets are poses of this machine, so this cannot fail.
+            machine.chain().ideal_tip_mm(&machine.state(&at).unwrap_or_default())
+        });
         let tips: Vec<_> = tips.collect();
-        let from = tips.first().copied().unwrap_or_default();
-        let places = tips.iter().map(|tip| (tip - from).norm());
-        Diagonal {
+        let places = tips.iter().map(|tip| (tip - tips[0]).norm());
+        Self {
             name: found.name.to_owned(),
-            points: places.zip(found.deviation_um).collect(),
+            points: places.zip(found.deviation_um.iter().copied()).collect(),
             range_um: found.range_um,
         }
-    });
-    Ok(Some(named.collect()))
+    }
 }

@@ -104,20 +104,7 @@ fn picture(
     found: &[Diagonal],
     compensation: &Compensation<'_>,
 ) -> String {
-    let plotted = found.iter().map(|diagonal| {
-        let poses = diagonal.at.iter().map(|at| {
-            let at: Vec<(AxisName, f64)> = at.iter().map(|(axis, at)| (*axis, *at)).collect();
-            // The targets are poses of this machine, so this cannot fail.
-            machine.state(&at).unwrap_or_default()
-        });
-        let tips: Vec<_> = poses.map(|pose| machine.chain().ideal_tip_mm(&pose)).collect();
-        let places = tips.iter().map(|tip| (tip - tips[0]).norm());
-        volcomp_report::Diagonal {
-            name: diagonal.name.to_owned(),
-            points: places.zip(diagonal.deviation_um.iter().copied()).collect(),
-            range_um: diagonal.range_um,
-        }
-    });
+    let plotted = found.iter().map(|found| volcomp_report::Diagonal::of(machine, found));
     let (title, state) = if arguments.compensation.is_asked_for() {
         ("Body diagonals after correction, by the model", Machined::TruthCorrected)
     } else {

@@ -415,7 +415,7 @@ fn answer(
         warnings: report.warnings.iter().map(|warning| warning.text.clone()).collect(),
         volumetric: volume.map(|volume| {
             let last = &volume.after.as_ref().unwrap_or(&volume.before).found;
-            let at = last.at.iter().map(|of| (of.axis.clone(), of.at));
+            let at = last.at.iter().map(|(axis, at)| (axis.to_string(), *at));
             Volumetric {
                 position_um: last.form_max_um,
                 tilt_urad: last.tilt_urad,

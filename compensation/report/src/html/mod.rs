@@ -195,9 +195,9 @@ fn head(page: &mut Page, report: &Report) {
     let axes: Vec<String> = head
         .axes
         .iter()
-        .map(|axis| {
-            let [low, high] = axis.travel.map(plain);
-            format!("{} {low} … {high} {}", axis.axis, axis.unit)
+        .map(|(axis, travel)| {
+            let [low, high] = travel.map(plain);
+            format!("{axis} {low} … {high} {}", axis.kind().coordinate_unit())
         })
         .collect();
     let tip = head.tool_tip_mm.map(plain).join(", ");

@@ -3,7 +3,6 @@
 
 use volcomp_fit::BandSource;
 use volcomp_metrology::{Approach, TargetRow};
-use volcomp_vocabulary::AxisName;
 
 use super::{Cell, Page};
 use crate::{
@@ -16,9 +15,7 @@ use crate::{
         Arrow, Quiver, colour_bar, escaped, finite, heat_map, quiver, round_below, short,
         square_sketch, xy,
     },
-    report::{
-        Curve, Diagonal, Positioning, Report, Residual, Standing, State, Volume, Weighted, place,
-    },
+    report::{Curve, Diagonal, Positioning, Report, Residual, State, Volume, place},
 };
 
 pub(super) fn curves(page: &mut Page, report: &Report) {
@@ -385,9 +382,8 @@ fn standing(page: &mut Page, volume: &Volume) {
     }
     let at = volume.standing.iter();
     let at: Vec<String> = at
-        .map(|Standing { axis, at }| {
-            let rotary = axis.parse().is_ok_and(AxisName::is_rotary);
-            let unit = if rotary { "°" } else { " mm" };
+        .map(|(axis, at)| {
+            let unit = if axis.is_rotary() { "°" } else { " mm" };
             format!("{axis} {}{unit}", short(*at, 3))
         })
         .collect();
@@ -595,11 +591,11 @@ pub(super) fn identified(page: &mut Page, report: &Report) {
 }
 
 /// Formats a combination: `EXX constant + 0.50 EX0C`.
-fn combined(parts: &[Weighted]) -> String {
-    let largest = parts.iter().map(|part| part.weight.abs()).fold(0.0, f64::max);
-    let kept = parts.iter().filter(|part| part.weight.abs() >= LEAST_WEIGHT * largest);
+fn combined(parts: &[(String, f64)]) -> String {
+    let largest = parts.iter().map(|(_, weight)| weight.abs()).fold(0.0, f64::max);
+    let kept = parts.iter().filter(|(_, weight)| weight.abs() >= LEAST_WEIGHT * largest);
     let mut text = String::new();
-    for Weighted { name, weight } in kept {
+    for (name, weight) in kept {
         let sign = match (text.is_empty(), *weight < 0.0) {
             (true, false) => "",
             (true, true) => "− ",

@@ -40,17 +40,17 @@ pub(crate) fn maps(volume: &Volume) -> Maps {
     let longest = longest.filter(|um| um.is_finite()).fold(0.0, f64::max);
     let arrow_scale = if longest > 0.0 { LONGEST / longest } else { 0.0 };
     let map = |slice: &Slice, word: &str, values: &[f64], arrows: &[([f64; 2], [f64; 2])]| {
-        let held = match &slice.held {
-            Some(held) => format!(", {} = {} mm", held.axis, short(held.at, 0)),
-            None if is_rotary(&slice.across) => ", X, Y, Z in the middle".to_owned(),
+        let held = match slice.held {
+            Some((axis, at)) => format!(", {axis} = {} mm", short(at, 0)),
+            None if slice.across.is_rotary() => ", X, Y, Z in the middle".to_owned(),
             None => String::new(),
         };
         let title = format!("{}{}{held}", slice.across, slice.up);
         HeatMap {
             words: format!("plane {title} {word}"),
             title: format!("{title}{}{word}", if word.is_empty() { "" } else { ", " }),
-            x_label: label(&slice.across),
-            y_label: label(&slice.up),
+            x_label: label(slice.across),
+            y_label: label(slice.up),
             x: slice.x.clone(),
             y: slice.y.clone(),
             values: values.to_vec(),
@@ -72,18 +72,13 @@ pub(crate) fn maps(volume: &Volume) -> Maps {
     Maps { before: before.collect(), after: after.collect(), most_um }
 }
 
-fn is_rotary(axis: &str) -> bool {
-    axis.parse().is_ok_and(AxisName::is_rotary)
-}
-
-fn label(axis: &str) -> String {
-    format!("{axis}, {}", if is_rotary(axis) { "deg" } else { "mm" })
+fn label(axis: AxisName) -> String {
+    format!("{axis}, {}", axis.kind().coordinate_unit())
 }
 
 /// Positions and error vectors of a plane, projected onto it.
 fn arrows(slice: &Slice, after: bool) -> Vec<([f64; 2], [f64; 2])> {
-    let index = |axis: &str| axis.parse().map_or(0, AxisName::mcs_index);
-    let (across, up) = (index(&slice.across), index(&slice.up));
+    let (across, up) = (slice.across.mcs_index(), slice.up.mcs_index());
     let arrow = |vector: &Vector| {
         let error = if after { vector.after_um? } else { vector.before_um };
         let in_plane = |of: [f64; 3]| [of[across], of[up]];

@@ -1,7 +1,8 @@
 use volcomp_report::{
-    BandSource, CheckOf, Drawn, Edition, Identified, Left, Parameter, Report, State, Stated,
+    BandSource, CheckOf, Drawn, Edition, Figures, Identified, Parameter, Report, State, Stated,
     Verdict, WarningKind, checks, tolerances, volume,
 };
+use volcomp_vocabulary::AxisName;
 
 use crate::{Shop, machine};
 
@@ -355,7 +356,7 @@ fn an_unknown_that_holds_if_another_is_zero_is_open_where_that_is() {
         unit: "µrad".to_owned(),
         given_zero: given_zero.iter().map(|zero| (*zero).to_owned()).collect(),
     };
-    let left = Left { rms_um: 0.0, max_um: 0.0, rows: 9 };
+    let left = Figures { rms_um: 0.0, max_um: 0.0, rows: 9 };
     let found = Identified {
         parameters: vec![
             parameter("EA0Z", Some(0.3), &["EAZ legendre 1"]),
@@ -604,8 +605,8 @@ fn the_working_space_has_the_sizes_of_its_errors() {
     assert!((size.max_um - 800.0).abs() < 1e-9);
     // A translation is no error of form: 400 µm remain at both ends, apart from rotations by the finite number of poses.
     assert!((size.form_max_um - 400.0).abs() < 1.0, "{size:?}");
-    assert_eq!(size.at[0].axis, "X");
-    assert!([0.0, 800.0].contains(&size.at[0].at));
+    assert_eq!(size.at[0].0, AxisName::X);
+    assert!([0.0, 800.0].contains(&size.at[0].1));
     // RMS of an error that grows linearly over the travel: its maximum / √3.
     assert!((size.rms_um / (800.0 / 3.0_f64.sqrt()) - 1.0).abs() < 1e-3, "{size:?}");
     assert!((found.after.expect("after").found.max_um - 400.0).abs() < 1e-9);
@@ -644,7 +645,7 @@ fn axes_that_stand_still_are_named() {
     let machine = volcomp_model::Machine::read(&path).expect("a machine");
     let mut report = Report::of_machine("five-axis.toml", &machine, &Stated::default());
     let nothing = |_: &volcomp_kinematics::State| [0.0; 6];
-    let others = [(volcomp_vocabulary::AxisName::C, 90.0)];
+    let others = [(AxisName::C, 90.0)];
     report.volume = volume(
         [&machine; 2],
         &others,
@@ -657,9 +658,7 @@ fn axes_that_stand_still_are_named() {
         (map.slices.iter()).map(|slice| format!("{}{}", slice.across, slice.up)).collect();
     assert_eq!(planes, ["XY", "XZ", "YZ", "CB"]);
     assert_eq!(map.slices[3].before_um.len(), 625);
-    let standing = &map.standing;
-    let standing: Vec<_> = (standing.iter()).map(|axis| (axis.axis.as_str(), axis.at)).collect();
-    assert_eq!(standing, [("C", 90.0), ("B", 0.0)]);
+    assert_eq!(map.standing, [(AxisName::C, 90.0), (AxisName::B, 0.0)]);
     let page = volcomp_report::html(&report);
     assert!(
         page.contains(

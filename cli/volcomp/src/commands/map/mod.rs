@@ -258,10 +258,10 @@ fn picture(
 
 /// The positions of the axes that do not move on the planes; empty if all axes move.
 fn standing(found: &Volume) -> String {
-    let at = found.standing.iter().map(|of| {
-        let rotary = of.axis.parse().is_ok_and(AxisName::is_rotary);
-        format!("{} = {}{}", of.axis, of.at, if rotary { "°" } else { " mm" })
-    });
+    let at = found
+        .standing
+        .iter()
+        .map(|(axis, at)| format!("{axis} = {at}{}", if axis.is_rotary() { "°" } else { " mm" }));
     let at: Vec<String> = at.collect();
     if at.is_empty() {
         return String::new();
