@@ -6,7 +6,9 @@ use serde_json::json;
 use volcomp_model::Machine;
 use volcomp_tables::Map;
 
-use crate::{Folder, contains, float, json, list, refused, refuses, root, text, volcomp};
+use crate::{
+    Folder, contains, float, json, list, refuse_each, refused, refuses, root, text, volcomp,
+};
 
 const GANTRY: &str = "examples/gantry.toml";
 const MILL: &str = "examples/mill.toml";
@@ -167,47 +169,28 @@ fn what_people_read() {
 #[test]
 fn what_cannot_be_is_refused() {
     let (folder, tables) = folder();
-    let export =
-        |more: &[&str]| refused(&[&["export", "-m", MILL, "-o", &tables][..], more].concat());
-    assert!(export(&["--format", "haas"]).contains("found format `haas`"));
-    assert!(
-        export(&["--format", "csv", "--step", "0"])
-            .contains("--step: found 0, expected a number above 0")
-    );
-    assert!(
-        export(&["--format", "csv", "--at", "X=700"])
-            .contains("--at X: found 700, expected 0 to 600, its travel")
-    );
-    assert!(
-        export(&["--format", "linuxcnc", "--step", "1"])
-            .contains("found 601 positions, expected at most 256")
-    );
-    assert!(export(&["--format", "fanuc", "--at", "X=10"]).contains("no point at machine zero"));
-    assert!(export(&["--format", "fanuc", "--axis-numbers", "X=1"]).contains("found no number"));
-    assert!(
-        export(&["--format", "csv", "--axis-numbers", "X=1,Y=1"])
-            .contains("each axis and each number once")
-    );
+    let comp = folder.write("x.comp", "0 0 0\n1 1 1\n");
+    let calls = "
+export $mill --format haas => found format `haas`
+export $mill --format csv --step 0 => --step: found 0, expected a number above 0
+export $mill --format csv --at X=700 => --at X: found 700, expected 0 to 600, its travel
+export $mill --format linuxcnc --step 1 => found 601 positions, expected at most 256
+export $mill --format fanuc --at X=10 => no point at machine zero
+export $mill --format fanuc --axis-numbers X=1 => found no number
+export $mill --format csv --axis-numbers X=1,Y=1 => each axis and each number once
+import $comp => --format linuxcnc for COMP_FILE_TYPE 0
+import nowhere.csv => nowhere.csv
+import $comp --format linuxcnc -o $comp => the file of a table
+";
+    refuse_each(calls, &[("$mill", &format!("-m {MILL} -o {tables}")), ("$comp", &comp)]);
     assert!(fs::metadata(&tables).is_err(), "nothing is left");
-
-    let path = |name: &str| folder.path().join(name).display().to_string();
-    let comp = path("x.comp");
-    fs::write(&comp, "0 0 0\n1 1 1\n").expect("written");
-    assert!(refused(&["import", &comp]).contains("--format linuxcnc for COMP_FILE_TYPE 0"));
-    let archive = path("a.ini");
-    fs::write(&archive, "$AN_CEC[0,0]=x y\n").expect("written");
+    let archive = folder.write("a.ini", "$AN_CEC[0,0]=x y\n");
     let output = volcomp(&["--json", "import", &archive]);
     assert_eq!(output.status.code(), Some(2));
     let told: serde_json::Value = serde_json::from_slice(&output.stderr).expect("an object");
     assert_eq!(told["error"]["file"], archive);
     assert_eq!(told["error"]["line"], 1);
-    assert!(refused(&["import", "nowhere.csv"]).contains("nowhere.csv"));
-    let curves = path("c.toml");
-    assert!(
-        refused(&["import", &comp, "--format", "linuxcnc", "-o", &comp])
-            .contains("the file of a table")
-    );
-    assert!(fs::metadata(&curves).is_err());
+    assert_eq!(fs::read_to_string(&comp).expect("kept"), "0 0 0\n1 1 1\n");
 }
 
 /// The pitch of X acts with the lever of Z, which a table of X does not contain. Far from the table's reference in Z,
@@ -328,13 +311,14 @@ fn the_file_is_the_map_that_is_told_of() {
 fn a_map_table_that_cannot_be_is_refused() {
     let folder = Folder::new();
     let name = folder.file("m.map");
-    let told = |more: &[&str]| refused(&[&["map-table", "-m", GANTRY, "-o", &name], more].concat());
-    assert!(told(&["--words", "200"]).contains("expected 234 at the least"));
-    let small = told(&["--words", "400", "--within", "0.2"]);
-    contains(&small, "0.2 µm need");
-    contains(&small, "with this many the error is");
-    assert!(told(&["--words", "8000", "--axes", "X,Q"]).contains('Q'));
-    assert!(told(&["--words", "8000", "--link", "0"]).contains("above 0"));
-    assert!(told(&["--words", "8000", "--number", "65535"]).contains("0 to 65534"));
+    let calls = "
+map-table $m --words 200 => expected 234 at the least
+map-table $m --words 400 --within 0.2 => 0.2 µm need
+map-table $m --words 400 --within 0.2 => with this many the error is
+map-table $m --words 8000 --axes X,Q => Q
+map-table $m --words 8000 --link 0 => above 0
+map-table $m --words 8000 --number 65535 => 0 to 65534
+";
+    refuse_each(calls, &[("$m", &format!("-m {GANTRY} -o {name}"))]);
     assert_eq!(fs::read_dir(folder.path()).expect("a folder").count(), 0);
 }

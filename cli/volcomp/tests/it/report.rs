@@ -4,7 +4,7 @@ use std::fs;
 
 use serde_json::Value;
 
-use crate::{Folder, contains, float, json, list, refused, refuses, text, volcomp};
+use crate::{Folder, contains, float, json, list, refuse_each, refused, refuses, text, volcomp};
 
 const CALIBRATION: &str = "examples/calibration/calibration.toml";
 
@@ -107,22 +107,16 @@ fn observations_and_machine_files_make_reports() {
 fn what_is_wrong_is_named() {
     let folder = Folder::new();
     let output = folder.file("report.html");
-    let refusal =
-        |arguments: &[&str]| refused(&[&["report"], arguments, &["-o", &output]].concat());
-    assert!(
-        refusal(&[CALIBRATION, "--tolerance", "Q=1"]).contains("--tolerance: symbol: found `Q`")
-    );
-    assert!(refusal(&["missing.toml"]).contains("missing.toml"));
-    assert!(
-        refusal(&["examples/gantry.toml", "--trials", "5"])
-            .contains("--trials: examples/gantry.toml is a machine file")
-    );
-    let other = refusal(&[CALIBRATION, "--truth", "examples/gantry.toml"]);
-    contains(&other, "examples/gantry.toml: ");
-    contains(&other, CALIBRATION);
+    let calls = "
+report $of --tolerance Q=1 -o $out => --tolerance: symbol: found `Q`
+report missing.toml -o $out => missing.toml
+report examples/gantry.toml --trials 5 -o $out => --trials: examples/gantry.toml is a machine file
+report $of --truth examples/gantry.toml -o $out => examples/gantry.toml:
+report $of --truth examples/gantry.toml -o $out => examples/calibration/calibration.toml
+report $of -o $of => which this report reads
+";
+    refuse_each(calls, &[("$of", CALIBRATION), ("$out", &output)]);
     assert!(!fs::exists(&output).expect("a folder"), "nothing half-written");
-    let own = refused(&["report", CALIBRATION, "-o", CALIBRATION]);
-    contains(&own, "which this report reads");
 }
 
 #[test]
