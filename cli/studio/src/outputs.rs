@@ -5,7 +5,7 @@ use std::{collections::BTreeMap, io::BufReader, path::Path};
 use serde::{Deserialize, Serialize};
 use volcomp_document::read_text;
 use volcomp_model::Temperatures;
-use volcomp_nc::{Corrector, Dialect, Job, NcError, SetUp, compensate};
+use volcomp_nc::{Corrector, Counts, Dialect, Job, NcError, NcNote, SetUp, compensate};
 use volcomp_tables::axis_table::{
     AxisNumbers, Facts, Format, TableOptions, WriteOptions, loss, sampled, write,
 };
@@ -64,25 +64,10 @@ pub struct AxisResidual {
 pub struct NcProgram {
     /// File name of the program, relative to the folder.
     pub file: String,
-    /// Number of lines read.
-    pub lines: u64,
-    /// Number of motions in the program.
-    pub motions: u64,
-    /// Number of lines with changed coordinates.
-    pub changed: u64,
-    /// Number of added lines.
-    pub added: u64,
+    #[serde(flatten)]
+    pub counts: Counts,
     /// Notes on lines of the program.
     pub notes: Vec<NcNote>,
-}
-
-/// A note on a line of a program.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct NcNote {
-    /// Line of the program, from 1.
-    pub line: usize,
-    /// What the user must know about the line.
-    pub text: String,
 }
 
 impl Folder {
@@ -179,16 +164,7 @@ impl Folder {
         let file = format!("{PROGRAMS}/{name}");
         self.interrupt.check()?;
         self.write(&file, &output)?;
-        let counts = &summary.counts;
-        let notes = summary.notes.by_line().into_iter();
-        Ok(NcProgram {
-            file,
-            lines: counts.lines,
-            motions: counts.motions,
-            changed: counts.changed,
-            added: counts.added,
-            notes: notes.map(|(line, note)| NcNote { line, text: note.to_string() }).collect(),
-        })
+        Ok(NcProgram { file, counts: summary.counts, notes: summary.notes.in_words() })
     }
 }
 

@@ -42,7 +42,7 @@ pub use correction::Corrector;
 pub use error::{BoundViolation, Fault, NcError};
 pub use inspect::{Alignment, Found, InspectError, Inspected, Measured, Part, PartFeature};
 pub use line::LONGEST_LINE;
-pub use notes::{Note, Notes};
+pub use notes::{NcNote, Note, Notes};
 pub use number::Decimals;
 pub use program::{Job, Summary, compensate};
 pub use rewrite::{Counts, Strategy};

@@ -113,6 +113,16 @@ impl Note {
     }
 }
 
+/// A note on a program.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
+pub struct NcNote {
+    /// Line of the first occurrence, from 1.
+    pub line: usize,
+    /// The note as one sentence, without its line number.
+    pub text: String,
+}
+
 /// Notes, each with the first line that it applies to, counted from 1.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Notes(BTreeMap<Note, usize>);
@@ -132,5 +142,12 @@ impl Notes {
         let mut notes: Vec<_> = self.0.iter().map(|(note, line)| (*line, note)).collect();
         notes.sort();
         notes
+    }
+
+    /// Each note in words, ordered by line.
+    #[must_use]
+    pub fn in_words(&self) -> Vec<NcNote> {
+        let notes = self.by_line().into_iter();
+        notes.map(|(line, note)| NcNote { line, text: note.to_string() }).collect()
     }
 }

@@ -29,16 +29,17 @@ use crate::{
 /// Maximum line length without the end; LinuxCNC accepts 256 characters with the end.
 pub(crate) const MAX_LINE_BYTES: usize = 254;
 
-/// Counters of a compensation.
+/// Counters of a compensation. A line is changed if a coordinate or another value in it is.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "schema", derive(serde::Serialize, schemars::JsonSchema))]
 pub struct Counts {
     /// Number of lines read.
     pub lines: u64,
     /// Number of motions in the program.
     pub motions: u64,
-    /// Number of lines in which a coordinate or another value changed.
+    /// Number of changed lines.
     pub changed: u64,
-    /// Number of lines added to the program.
+    /// Number of lines added by splitting motions.
     pub added: u64,
 }
 

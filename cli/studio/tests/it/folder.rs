@@ -337,7 +337,7 @@ fn tables_and_programs_contain_the_correction() {
     assert!(folder.tables(&request(1.0)).is_err(), "8 µm are beyond 1 µm");
     let program = "G21 G90\nG1 X400 Y0 Z0 F1000\nM2\n";
     let done = folder.nc("part.ngc", program.as_bytes(), 1.0).expect("written");
-    assert_eq!((done.file.as_str(), done.motions), ("result/nc/part.ngc", 1));
+    assert_eq!((done.file.as_str(), done.counts.motions), ("result/nc/part.ngc", 1));
     let text = fs::read_to_string(dir.path().join(&done.file)).expect("written");
     // At X = 400 mm the table moves 8 µm too far, so the corrected command is 399.992 mm.
     assert!(text.contains("X399.992"), "{text}");

@@ -11,9 +11,9 @@ use volcomp_document::read_text;
 use volcomp_identify::{Kind, Observations, RowReading};
 use volcomp_model::{Machine, Temperatures};
 use volcomp_nc::{
-    Alignment, Average, BoundViolation, Corrector, Decimals, Deviation, Dialect, Found,
-    InspectError, Inspected, Job, MeanOf, NcError, Note, Part, Reading, SetUp, Strategy, Summary,
-    Verification, Virtual, average, compensate, verify, verify_average,
+    Alignment, Average, BoundViolation, Corrector, Counts, Decimals, Deviation, Dialect, Found,
+    InspectError, Inspected, Job, MeanOf, NcError, NcNote, Note, Part, Reading, SetUp, Strategy,
+    Summary, Verification, Virtual, average, compensate, verify, verify_average,
 };
 use volcomp_report::{ProgramFigures, ProgramPlace, program_picture};
 
@@ -104,14 +104,8 @@ pub(crate) struct Nc {
     file: String,
     /// Dialect of the program: `rs274`, `siemens` or `heidenhain`.
     dialect: &'static str,
-    /// Number of lines read.
-    lines: u64,
-    /// Number of motions in the program.
-    motions: u64,
-    /// Number of changed lines.
-    changed: u64,
-    /// Number of lines added by splitting motions.
-    added: u64,
+    #[serde(flatten)]
+    counts: Counts,
     /// Whether the result is identical to that of `--strategy plain`; only with `--strategy floyd`.
     #[serde(skip_serializing_if = "Option::is_none")]
     same_as_plain: Option<bool>,
@@ -122,15 +116,6 @@ pub(crate) struct Nc {
     verified: Option<Verified>,
     /// Notes on the program, each once.
     notes: Vec<NcNote>,
-}
-
-/// A note on a program.
-#[derive(Debug, Serialize, JsonSchema)]
-struct NcNote {
-    /// Line of the first occurrence, from 1.
-    line: usize,
-    /// The note as one sentence, without its line number.
-    text: String,
 }
 
 /// Result of `volcomp nc --average`: the written program, and its work offsets.
@@ -405,25 +390,20 @@ fn answer(
     verified: Option<Verified>,
     more: Vec<String>,
 ) -> Result<Answer, Failure> {
-    let counts = &summary.counts;
+    let Counts { lines, motions, changed, added } = summary.counts;
     let document = Nc {
         file: arguments.output.display().to_string(),
         dialect: dialect.name(),
-        lines: counts.lines,
-        motions: counts.motions,
-        changed: counts.changed,
-        added: counts.added,
+        counts: summary.counts,
         same_as_plain: (arguments.strategy == Rounding::Floyd)
             .then_some(summary.rounded_otherwise == 0),
         ended: summary.ended,
         verified,
-        notes: (summary.notes.by_line().into_iter())
-            .map(|(line, note)| NcNote { line, text: note.to_string() })
-            .collect(),
+        notes: summary.notes.in_words(),
     };
     let mut text = format!(
-        "{}: {} lines with {} motions read, {} lines changed, {} added\n",
-        document.file, document.lines, document.motions, document.changed, document.added
+        "{}: {lines} lines with {motions} motions read, {changed} lines changed, {added} added\n",
+        document.file
     );
     if let Some(same) = document.same_as_plain {
         text += if same {
@@ -438,10 +418,10 @@ fn answer(
     let mut notes: Vec<String> =
         (document.notes.iter()).map(|note| format!("line {}: {}", note.line, note.text)).collect();
     notes.extend(more);
-    if document.motions == 0 {
+    if motions == 0 {
         notes.push(format!(
             "no motion was found in {} lines, and nothing was changed: is this an NC program in the language {}? (--dialect)",
-            document.lines, document.dialect
+            lines, document.dialect
         ));
     }
     Answer::new(&document, text, notes)
