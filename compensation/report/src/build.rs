@@ -17,7 +17,7 @@ use crate::{
     curves::{curves, runs_of, stated_curves},
     report::{
         Contribution, FigureUncertainty, Head, Identified, Location, Parameter, Positioning,
-        Report, SourceFile, Square, Tilt, Uncertainty, Warning, WarningKind,
+        Report, SourceFile, Square, Stated, Tilt, Uncertainty, Warning, WarningKind,
     },
 };
 
@@ -212,29 +212,6 @@ fn stated_uncertainty(file: &CalibrationFile) -> Option<Uncertainty> {
     (!stated.is_empty()).then(|| Uncertainty { stated, ..Uncertainty::default() })
 }
 
-/// Values from the caller, which override the values in the files.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Stated {
-    pub customer: Option<String>,
-    /// Number of the certificate.
-    pub certificate: Option<String>,
-    /// Minimum and maximum air temperature, °C, instead of those in the files.
-    pub air_degc: Option<[f64; 2]>,
-    /// Minimum and maximum material temperature, °C, instead of those in the files.
-    pub material_degc: Option<[f64; 2]>,
-    /// Name of the machine, instead of that in the measurement files.
-    pub machine: Option<String>,
-    pub serial: Option<String>,
-    /// Date of the measurement, instead of that in the files.
-    pub date: Option<String>,
-    /// Name of the person who measured.
-    pub operator: Option<String>,
-    /// Name of the measuring instrument.
-    pub instrument: Option<String>,
-    /// Edition of ISO 230-2 by which the tests are evaluated.
-    pub edition: Edition,
-}
-
 pub(crate) fn head<'a>(
     source: &str,
     machine: &Machine,
@@ -255,17 +232,18 @@ pub(crate) fn head<'a>(
     };
     Head {
         source: source.to_owned(),
-        machine: stated.machine.clone().or_else(|| of_files(|m| m.machine.clone())),
-        serial: stated.serial.clone().or_else(|| of_files(|m| m.serial.clone())),
-        date: stated.date.clone().or_else(|| of_files(|m| m.date.clone())),
-        operator: stated.operator.clone().or_else(|| of_files(|m| m.by.clone())),
-        instrument: stated.instrument.clone().or_else(|| of_files(program)),
-        customer: stated.customer.clone(),
-        certificate: stated.certificate.clone(),
-        air_degc: (stated.air_degc)
-            .or_else(|| of_sensors(|e| e.air_temperature.into_iter().collect())),
-        material_degc: (stated.material_degc)
-            .or_else(|| of_sensors(|e| e.material_temperature.into_iter().flatten().collect())),
+        stated: Stated {
+            machine: stated.machine.clone().or_else(|| of_files(|m| m.machine.clone())),
+            serial: stated.serial.clone().or_else(|| of_files(|m| m.serial.clone())),
+            date: stated.date.clone().or_else(|| of_files(|m| m.date.clone())),
+            operator: stated.operator.clone().or_else(|| of_files(|m| m.by.clone())),
+            instrument: stated.instrument.clone().or_else(|| of_files(program)),
+            air_degc: (stated.air_degc)
+                .or_else(|| of_sensors(|e| e.air_temperature.into_iter().collect())),
+            material_degc: (stated.material_degc)
+                .or_else(|| of_sensors(|e| e.material_temperature.into_iter().flatten().collect())),
+            ..stated.clone()
+        },
         structure: machine.chain().structure().to_string(),
         axes: machine.axes().iter().map(|axis| (axis.name, axis.travel)).collect(),
         tool_tip_mm: machine.chain().tool_tip_mm().into(),

@@ -9,7 +9,6 @@ mod report;
 mod tolerance;
 mod volume;
 
-pub use build::Stated;
 pub use html::html;
 pub use pictures::{
     CirclePlot, ProgramFigures, ProgramPlace, SlopePlot, SquarenessPlot, StraightnessPlot,
@@ -20,8 +19,8 @@ pub use pictures::{
 pub use report::{
     Band, Branch, Check, CheckOf, Contribution, Curve, CurveLine, Diagonal, Diagonals, Drawn,
     FigureUncertainty, FitNumbers, Head, Identified, Location, OfState, Parameter, Positioning,
-    Report, Residual, Run, Size, Slice, SourceFile, Square, State, Tilt, Uncertainty, VOLUME,
-    Vector, Volume, Warning, WarningKind,
+    Report, Residual, Run, Size, Slice, SourceFile, Square, State, Stated, Tilt, Uncertainty,
+    VOLUME, Vector, Volume, Warning, WarningKind,
 };
 pub use tolerance::{checks, refuse_two_units, tolerances};
 pub use volcomp_fit::BandSource;

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use volcomp_fit::BandSource;
 use volcomp_identify::Figures;
-use volcomp_metrology::{Iso230Part2, Vdi3441, Verdict};
+use volcomp_metrology::{Edition, Iso230Part2, Vdi3441, Verdict};
 use volcomp_vocabulary::{AxisName, Direction, ErrorName};
 
 /// Symbol of the largest error of the tool tip over poses of all axes, after best-fit rigid-body alignment of the workpiece.
@@ -63,29 +63,14 @@ impl Report {
     }
 }
 
-/// Machine, date, operator, instrument; `None` if neither a file nor an option has the value.
+/// The machine of a report, and the facts on its measurement.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Head {
     /// Name of the file from which the report is made.
     pub source: String,
-    /// Name of the machine, from the caller or the measurement files.
-    pub machine: Option<String>,
-    pub serial: Option<String>,
-    /// Date of the measurement, as written in the file or option.
-    pub date: Option<String>,
-    /// Name of the person who measured.
-    pub operator: Option<String>,
-    /// Name of the measuring instrument.
-    pub instrument: Option<String>,
-    #[serde(default)]
-    pub customer: Option<String>,
-    /// Number of the certificate.
-    #[serde(default)]
-    pub certificate: Option<String>,
-    /// Minimum and maximum air temperature, °C.
-    pub air_degc: Option<[f64; 2]>,
-    /// Minimum and maximum material temperature, °C.
-    pub material_degc: Option<[f64; 2]>,
+    /// The facts; `None` if neither a file nor an option has the value.
+    #[serde(flatten)]
+    pub stated: Stated,
     /// Structure code of the machine, such as `w X' b Y Z t`.
     pub structure: String,
     /// Every axis of the machine, with both ends of its travel, mm or deg.
@@ -94,6 +79,29 @@ pub struct Head {
     pub tool_tip_mm: [f64; 3],
     /// The measurement files, with their dates and numbers of runs.
     pub files: Vec<SourceFile>,
+}
+
+/// Facts on a machine and its measurement. Values from the caller override those in the files.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Stated {
+    /// Name of the machine.
+    pub machine: Option<String>,
+    pub serial: Option<String>,
+    /// Date of the measurement, as written in the file or option.
+    pub date: Option<String>,
+    /// Name of the person who measured.
+    pub operator: Option<String>,
+    /// Name of the measuring instrument.
+    pub instrument: Option<String>,
+    pub customer: Option<String>,
+    /// Number of the certificate.
+    pub certificate: Option<String>,
+    /// Minimum and maximum air temperature, °C.
+    pub air_degc: Option<[f64; 2]>,
+    /// Minimum and maximum material temperature, °C.
+    pub material_degc: Option<[f64; 2]>,
+    /// Edition of ISO 230-2 by which the tests are evaluated.
+    pub edition: Edition,
 }
 
 /// A measurement file.

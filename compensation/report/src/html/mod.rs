@@ -20,7 +20,7 @@ const SCRIPT: &str = include_str!("page.js");
 /// Renders the report as an HTML file. The same report gives the same bytes.
 pub fn html(report: &Report) -> String {
     let style = format!("{}{PAGE_STYLE}{STYLE}", colour_variables());
-    let title = match &report.head.machine {
+    let title = match &report.head.stated.machine {
         Some(machine) => format!("Calibration report – {machine}"),
         None => "Calibration report".to_owned(),
     };
@@ -178,10 +178,11 @@ impl Page {
 
 fn head(page: &mut Page, report: &Report) {
     let head = &report.head;
+    let stated = &head.stated;
     page.paragraph("kind", "Calibration report");
     page.put(&format!(
         "<h1>{}</h1><dl class=\"facts\">",
-        escaped(head.machine.as_deref().unwrap_or(&head.source))
+        escaped(stated.machine.as_deref().unwrap_or(&head.source))
     ));
     let range = |degc: &Option<[f64; 2]>| {
         degc.map(|[low, high]| {
@@ -201,19 +202,21 @@ fn head(page: &mut Page, report: &Report) {
         })
         .collect();
     let tip = head.tool_tip_mm.map(plain).join(", ");
-    for (name, value) in [("Customer", &head.customer), ("Certificate number", &head.certificate)] {
+    for (name, value) in
+        [("Customer", &stated.customer), ("Certificate number", &stated.certificate)]
+    {
         if value.is_some() {
             fact(page, name, value.as_deref());
         }
     }
     for (name, value) in [
-        ("Machine", head.machine.clone()),
-        ("Serial number", head.serial.clone()),
-        ("Date of measurement", head.date.clone()),
-        ("Operator", head.operator.clone()),
-        ("Instrument", head.instrument.clone()),
-        ("Air temperature", range(&head.air_degc)),
-        ("Material temperature", range(&head.material_degc)),
+        ("Machine", stated.machine.clone()),
+        ("Serial number", stated.serial.clone()),
+        ("Date of measurement", stated.date.clone()),
+        ("Operator", stated.operator.clone()),
+        ("Instrument", stated.instrument.clone()),
+        ("Air temperature", range(&stated.air_degc)),
+        ("Material temperature", range(&stated.material_degc)),
         ("Structure", Some(head.structure.clone())),
         ("Axes and travels", Some(axes.join("\n"))),
         ("Tool tip", Some(format!("{tip} mm"))),
