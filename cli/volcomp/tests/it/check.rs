@@ -104,7 +104,7 @@ fn an_error_stated_as_zero_is_told_apart_from_one_not_stated() {
     let folder = Folder::new();
     let machine = "structure = \"w X' b Y t\"\n[axes]\nX.travel = [0, 100]\nY.travel = [5, 100]\n\
         [errors]\nEXX = { poly = [0.0] }\nEC0Y = 0.0\n[assembly]\nY = [1, 0, 0, 0, 0, 2]\n";
-    let path = &folder.write("machine.toml", machine);
+    let path = folder.write("machine.toml", machine);
     let answer = json(&["check", &path]);
     assert_eq!(answer["zero"], json!(["EXX", "EC0Y"]));
     assert_eq!(answer["errors"], json!([]));
