@@ -23,6 +23,7 @@ use crate::{
         StateName, Status,
     },
     error::GatewayError,
+    interop::quantities::length,
 };
 
 /// Options that reach a running gateway.
@@ -405,7 +406,6 @@ fn by_axis(values: &ByAxis, digits: usize) -> String {
 }
 
 fn pair(without: Option<[f64; 3]>, with: Option<[f64; 3]>) -> String {
-    let length = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
     without.zip(with).map_or(String::new(), |(without, with)| {
         format!(
             "{:.1} without correction, {:.1} with it (by the model)",

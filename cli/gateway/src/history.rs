@@ -20,6 +20,7 @@ use volcomp_vocabulary::{AxisKind, AxisName};
 
 use crate::{
     documents::{HistoryPoint, StateName, Status, round},
+    interop::quantities::length,
     locked,
 };
 
@@ -163,8 +164,7 @@ impl Columns {
 
 /// Converts a state to a point.
 pub(crate) fn point_of(status: &Status) -> HistoryPoint {
-    let length =
-        |v: Option<[f64; 3]>| v.map(|v| round(v.iter().map(|x| x * x).sum::<f64>().sqrt()));
+    let length = |v: Option<[f64; 3]>| v.map(|v| round(length(v)));
     let mut point = HistoryPoint {
         at_s: status.uptime_s,
         error_um: length(status.true_error_um.or(status.error_um)),

@@ -44,7 +44,7 @@ use crate::{
     },
     error::GatewayError,
     history::MAX_SPAN_S,
-    interop::quantities::Quantity,
+    interop::quantities::{Quantity, length},
     metrics,
     models::{MAX_FILE_BYTES, Models, PendingReply, UploadSlot},
     published::Published,
@@ -588,8 +588,7 @@ fn error_map_of(model: &Model, status: &Status) -> ErrorMap {
                     let mut state = at;
                     (state.q[first], state.q[second]) = (x, y);
                     let [error, _] = model.errors(&state, &PerAxis::ZERO);
-                    let [x, y, z] = error.position_mm;
-                    (1e4 * (x * x + y * y + z * z).sqrt()).round() / 10.0
+                    (1e4 * length(error.position_mm)).round() / 10.0
                 })
                 .collect()
         })

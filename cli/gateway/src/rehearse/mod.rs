@@ -96,7 +96,9 @@ impl Rehearsal {
                 "[guard] is missing, expected it: without limits nothing is corrected",
             ));
         }
-        let head = Head::of(&plan.config.file)?;
+        let (file, time) = (&plan.config.file, utc_now());
+        let config =
+            fs::read(file).map_err(|source| GatewayError::Read { file: file.clone(), source })?;
         let mut simulated = Duration::ZERO;
         let paths = plan.paths().iter();
         let controllers = paths
@@ -105,14 +107,14 @@ impl Rehearsal {
         let passed = controllers.iter().all(|path| path.faults.iter().all(|fault| fault.passed));
         Ok(RehearsalDocument {
             passed,
-            time: head.time,
+            time,
             version: env!("CARGO_PKG_VERSION").to_owned(),
-            user: head.user,
-            host: head.host,
+            user: user(),
+            host: host(),
             machine: plan.model.name.clone(),
             hash: plan.model.hash.clone(),
-            config: plan.config.file.clone(),
-            config_hash: head.config_hash,
+            config: file.clone(),
+            config_hash: format!("sha256:{}", volcomp_model::hexadecimal(&Sha256::digest(&config))),
             selection: (self.faults.iter()).map(|fault| fault.name.to_owned()).collect(),
             catalogue: CATALOGUE.len(),
             seed: self.seed,
@@ -266,31 +268,15 @@ impl RehearsalDocument {
     }
 }
 
-struct Head {
-    pub(super) time: String,
-    pub(super) user: String,
-    pub(super) host: String,
-    pub(super) config_hash: String,
+fn user() -> String {
+    let mut names = ["USER", "LOGNAME"].into_iter();
+    let user = names.find_map(|name| env::var(name).ok());
+    user.unwrap_or_else(|| format!("uid {}", rustix::process::getuid().as_raw()))
 }
 
-impl Head {
-    /// Collects the data of a rehearsal that starts now.
-    ///
-    /// # Errors
-    /// The configuration file cannot be read.
-    fn of(config: &str) -> Result<Self, GatewayError> {
-        let text = fs::read(config)
-            .map_err(|source| GatewayError::Read { file: config.to_owned(), source })?;
-        let mut names = ["USER", "LOGNAME"].into_iter();
-        let user = names.find_map(|name| env::var(name).ok());
-        let host = fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
-        Ok(Self {
-            time: utc_now(),
-            user: user.unwrap_or_else(|| format!("uid {}", rustix::process::getuid().as_raw())),
-            host: host.trim().to_owned(),
-            config_hash: format!("sha256:{}", volcomp_model::hexadecimal(&Sha256::digest(&text))),
-        })
-    }
+fn host() -> String {
+    let host = fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    host.trim().to_owned()
 }
 
 fn ms(time: Duration) -> f64 {

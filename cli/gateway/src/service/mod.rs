@@ -22,13 +22,13 @@ use volcomp_vocabulary::PerAxis;
 
 use crate::{
     audit::{
-        AuditLog, Entry, LogState, boot_id, output_file, utc_now,
+        AuditLog, Entry, LogState, boot_id, output_file,
         writer::{AuditWriter, Receipt},
     },
     config::Config,
     documents::{
-        Answer, ByAxis, Details, Event, LastOutput, ModelEntry, ModelOutcome, ModelSource,
-        Question, Settled, Standing, Start, StateChange, StateName, Status, Stop,
+        Answer, ByAxis, Details, Event, LastOutput, ModelOutcome, ModelSource, Question, Settled,
+        Standing, Start, StateChange, StateName, Status, Stop,
     },
     error::GatewayError,
     identity::Judgement,
@@ -193,20 +193,9 @@ impl Service {
         // The gateway is not armed yet, so it can wait. A disk that hangs delays the start by this timeout.
         self.writer.settle(END_TIMEOUT);
         self.begin_confirmation_check();
-        let entry = ModelEntry {
-            time: utc_now(),
-            who: "gateway".to_owned(),
-            hash: self.parts.model.hash.clone(),
-            name: self.parts.model.name.clone(),
-            from: self.parts.config.machine_from(),
-            file: self.parts.config.machine.display().to_string(),
-            outcome: ModelOutcome::InForce,
-            why: None,
-            worst_um: None,
-            worst_urad: None,
-        };
-        let text = self.parts.model.text.clone();
-        self.parts.notes.report(entry, Some(text));
+        let started = (&self.parts.config, &*self.parts.model);
+        let (origin, worst) = (ModelOrigin::Configured, [None; 2]);
+        self.record_model(&origin, "gateway", started, worst, ModelOutcome::InForce);
         // The output of the previous run may be outdated from now on.
         let _ = std::fs::remove_file(output_file(self.parts.config.audit_dir()));
         self.publish();

@@ -80,7 +80,8 @@ impl Service {
             return Progress::Done(self.reject_files(&origin, who, what));
         }
         if let Some(question) = judged.question.take() {
-            self.record_model(&origin, who, &plan, judged.worst, ModelOutcome::MustBeConfirmed);
+            let asked = (&plan.config, &plan.model);
+            self.record_model(&origin, who, asked, judged.worst, ModelOutcome::MustBeConfirmed);
             return Progress::Done(self.must_be_confirmed(&origin, who, question));
         }
         let to = identity::limits(&plan.config);
@@ -139,7 +140,8 @@ impl Service {
         let has_same_model = plan.model.hash == self.parts.model.hash;
         let unchanged = has_same_model && (plan.config == self.parts.config || !is_configured);
         if !(has_same_model && is_configured) {
-            self.record_model(&origin, &step.who, &plan, step.judged.worst, ModelOutcome::InForce);
+            let taken = (&plan.config, &plan.model);
+            self.record_model(&origin, &step.who, taken, step.judged.worst, ModelOutcome::InForce);
         }
         let mut note = None;
         if is_configured && plan.config.machine != plan.config.configured_machine {
@@ -202,20 +204,20 @@ impl Service {
         self.reject(origin, Reply { status, answer })
     }
 
-    fn record_model(
+    pub(super) fn record_model(
         &self,
         origin: &ModelOrigin,
         who: &str,
-        plan: &Plan,
+        (config, model): (&Config, &Model),
         [worst_um, worst_urad]: [Option<f64>; 2],
         outcome: ModelOutcome,
     ) {
-        let (from, file) = origin.describe_origin(&plan.config);
+        let (from, file) = origin.describe_origin(config);
         let entry = ModelEntry {
             time: utc_now(),
             who: who.to_owned(),
-            hash: plan.model.hash.clone(),
-            name: plan.model.name.clone(),
+            hash: model.hash.clone(),
+            name: model.name.clone(),
             from,
             file,
             outcome,
@@ -223,8 +225,7 @@ impl Service {
             worst_um,
             worst_urad,
         };
-        let text = plan.model.text.clone();
-        self.parts.notes.report(entry, Some(text));
+        self.parts.notes.report(entry, Some(model.text.clone()));
     }
 
     fn reject_files(&mut self, origin: &ModelOrigin, who: &str, what: String) -> Reply {
