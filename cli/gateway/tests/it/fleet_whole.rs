@@ -21,7 +21,7 @@ use crate::{
     audit::preloaded,
     fleet_bench::{Member, compensating, corrects_y, goes_on, wait},
     manual::{no_step, says, served_configuration},
-    program::{Answer, Client, MACHINE, answer, exchange},
+    program::{Client, MACHINE, answer, exchange},
 };
 
 /// The command line of the centre rolls a model out, which reaches the axes on a ramp. A large change waits for
@@ -607,8 +607,9 @@ impl Whole {
         config
     }
 
-    fn ask(&self, method: &str, path: &str, more: &str, body: &str) -> Answer {
-        let text = self.place.exchange(
+    /// Sends a request to the page. Returns the whole response.
+    fn ask(&self, method: &str, path: &str, more: &str, body: &str) -> String {
+        self.place.exchange(
             self.page,
             format!(
                 "{method} {path} HTTP/1.1\r\nHost: {}\r\n{more}Content-Length: {}\r\nConnection: close\r\n\r\n{body}",
@@ -616,24 +617,13 @@ impl Whole {
                 body.len()
             )
             .as_bytes(),
-        );
-        answer(&text)
+        )
     }
 
     pub(crate) fn log_in(&self) -> String {
         let body = json!({ "name": "anna", "password": PASSWORD }).to_string();
-        let answer = self.ask("POST", "/api/login", "X-Volcomp: 1\r\n", &body);
-        assert_eq!(answer.status, 200, "{}", answer.body);
-        // `Answer` has header names in lower case, and the cookie too, so take the cookie from the raw response.
-        let text = self.place.exchange(
-            self.page,
-            format!(
-                "POST /api/login HTTP/1.1\r\nHost: {}\r\nX-Volcomp: 1\r\nContent-Length: {}\r\nConnection: close\r\n\r\n{body}",
-                self.page,
-                body.len()
-            )
-            .as_bytes(),
-        );
+        let text = self.ask("POST", "/api/login", "X-Volcomp: 1\r\n", &body);
+        assert_eq!(answer(&text).status, 200, "{text}");
         let mut lines = text.lines();
         let cookie = lines.find_map(|line| line.strip_prefix("set-cookie: "));
         let cookie = cookie.and_then(|line| line.split(';').next());
@@ -641,7 +631,7 @@ impl Whole {
     }
 
     pub(crate) fn page(&self, cookie: &str, path: &str) -> Value {
-        let answer = self.ask("GET", path, &format!("Cookie: {cookie}\r\n"), "");
+        let answer = answer(&self.ask("GET", path, &format!("Cookie: {cookie}\r\n"), ""));
         assert_eq!(answer.status, 200, "{path}: {}", answer.body);
         answer.json()
     }

@@ -21,8 +21,11 @@ use volcomp_vocabulary::{AxisName, PerChannel};
 
 use crate::{
     check::check,
-    manual::{Gateway, Served, control, controlled_configuration, machine, served_configuration},
-    program::{change, token_file},
+    manual::{
+        Gateway, Served, configuration, control, controlled_configuration, machine,
+        served_configuration,
+    },
+    program::change,
 };
 
 /// A state in which all values are known, except for the changes in `changes`.
@@ -154,40 +157,13 @@ fn a_further_row_is_served_to_others() {
 
 const FIVE_AXES: &str = include_str!("../../../../examples/five-axis.toml");
 
-/// A configuration without a barrier. The given lines are added to `[guard]` and `[[controller]]`.
-fn five_axes_configuration(
-    dir: &Path,
-    machine: &str,
-    address: &str,
-    axes: &[&str],
-    [guard, controller]: [&str; 2],
-) -> PathBuf {
-    std::fs::write(dir.join("machine.toml"), machine).expect("writable");
-    token_file(dir);
-    let text = format!(
-        r#"
-machine = "machine.toml"
-cycle_ms = 4.0
-[guard]
-slew_um_per_s = 500.0
+/// Keys of rotary axes, and a ramp that is longer than the end.
+const OF_FIVE_AXES: &str = "limit_urad = 200.0
 slew_urad_per_s = 500.0
-hold_ms = 200
-zero_after_ms = 3000
-{guard}
-[[controller]]
-url = "focas://{address}"
-axes = {axes:?}
-area = {{ pmc = "R", first = 100, width = 2 }}
-heartbeat = {{ pmc = "R", at = 120 }}
-{controller}
-[dashboard]
-token_file = "tokens"
-"#
-    );
-    let config = dir.join("G.toml");
-    std::fs::write(&config, text).expect("writable");
-    config
-}
+limit_without_barrier_urad = 2000.0
+test_shift_urad = 0
+stop_s = 0.1
+ramp_s = 0.5";
 
 fn length(value: &Value) -> f64 {
     let parts = value.as_array().expect("three numbers");
@@ -200,17 +176,12 @@ fn length(value: &Value) -> f64 {
 #[test]
 fn errors_and_remaining_corrections_name_every_axis() {
     let dir = tempfile::tempdir().expect("writable");
-    let guard = "limit_um = 150.0
-limit_without_barrier_um = 150.0
-limit_urad = 200.0
-limit_without_barrier_urad = 2000.0
-ramp_s = 0.5
-stop_s = 0.1
-test_shift_um = 0
-test_shift_urad = 0";
     let axes = ["X", "Y", "Z", "B", "C"];
-    let keys = [guard, "resolution_urad = 1.0"];
-    let config = five_axes_configuration(dir.path(), FIVE_AXES, "127.0.0.1:1", &axes, keys);
+    let config = configuration(dir.path(), "");
+    std::fs::write(dir.path().join("machine.toml"), FIVE_AXES).expect("writable");
+    change(&config, "ramp_s = 0.1", OF_FIVE_AXES);
+    let five = format!("axes = {axes:?}\nresolution_urad = 1.0");
+    change(&config, r#"axes = ["X", "Y", "Z"]"#, &five);
     let mut gateway = Gateway::start(&config);
     let state = gateway
         .wait("shown", |state| state["error_um"].is_array() && state["residual_um"].is_array());
