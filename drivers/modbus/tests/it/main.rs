@@ -19,7 +19,7 @@ use volcomp_port::Backoff;
 use volcomp_test_support::{Running, peers::not_run};
 
 pub(crate) fn until(what: &str, holds: impl FnMut() -> bool) {
-    volcomp_test_support::until(what, Duration::from_secs(20), holds);
+    volcomp_test_support::until(what, Duration::from_secs(60), holds);
 }
 
 pub(crate) fn socat(ours: &Path, theirs: &Path) -> Running {

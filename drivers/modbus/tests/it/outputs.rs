@@ -157,7 +157,7 @@ impl Module {
 }
 
 fn open(address: SocketAddr, units: &[u8]) -> ModbusDigital {
-    open_with_timeout(address, units, Duration::from_millis(80))
+    open_with_timeout(address, units, Duration::from_secs(3))
 }
 
 fn open_with_timeout(address: SocketAddr, units: &[u8], within: Duration) -> ModbusDigital {
@@ -170,7 +170,7 @@ fn open_with_timeout(address: SocketAddr, units: &[u8], within: Duration) -> Mod
 }
 
 fn soon() -> Instant {
-    Instant::now() + Duration::from_secs(1)
+    Instant::now() + Duration::from_secs(600)
 }
 
 fn reads(port: &mut ModbusDigital) -> bool {
@@ -259,18 +259,20 @@ fn a_rejected_write_is_reported_as_failed() {
     let mut port = open(address, &[1]);
     until("a read succeeds", || reads(&mut port));
     module.set(|state| state.rejects_writes = true);
-    assert_eq!(port.write(1, soon()), Ok(()), "no response yet");
-    std::thread::sleep(Duration::from_millis(60));
-    for _ in 0..3 {
-        let refused = Err(Fault::Refused { code: 4, what: "server device failure" });
-        assert_eq!(port.write(1, soon()), refused);
-        std::thread::sleep(Duration::from_millis(60));
+    for _ in 0..4 {
+        // The write is accepted until the response to the previous one is there.
+        until("it is rejected", || {
+            let written = port.write(1, soon());
+            let refused = Err(Fault::Refused { code: 4, what: "server device failure" });
+            assert!(written.is_ok() || written == refused, "{written:?}");
+            written == refused
+        });
     }
     assert_eq!(port.confirmed(), Some(0));
     module.set(|state| state.rejects_writes = false);
-    // The first call reports the failure of the previous write; the next call reports none.
-    assert!(port.write(2, soon()).is_err());
     until("it is confirmed", || {
+        // The first call may report the failure of the previous write.
+        let _ = port.write(2, soon());
         reads(&mut port);
         port.confirmed() == Some(2)
     });
@@ -296,13 +298,13 @@ fn an_old_write_is_not_sent_over_a_new_connection() {
     let (module, address) = Module::start();
     let mut port = open(address, &[1]);
     until("a read succeeds", || reads(&mut port));
-    port.write(7, soon()).unwrap();
     until("it is confirmed", || {
+        let _ = port.write(7, soon());
         reads(&mut port);
         port.confirmed() == Some(7)
     });
     module.set(|state| state.silent = true);
-    port.write(8, soon()).unwrap();
+    let _ = port.write(8, soon());
     until("the disconnection is reported", || port.read(soon()) == Err(Fault::NotConnected));
     assert_eq!(port.write(9, soon()), Err(Fault::NotConnected));
     until("it is reset", || module.get(|state| state.resets > 0));
@@ -385,7 +387,7 @@ fn outputs_are_read_back_after_any_silence() {
             state.coils = 0xa5;
             state.silent = true;
         });
-        let mut port = open_with_timeout(address, &[1], Duration::from_millis(20));
+        let mut port = open_with_timeout(address, &[1], Duration::from_millis(100));
         until("it was connected to often", || module.get(|state| state.resets >= connections));
         module.set(|state| state.silent = false);
         until("a read succeeds", || reads(&mut port));
