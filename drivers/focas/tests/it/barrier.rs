@@ -11,7 +11,7 @@ use volcomp_focas::{
     simulator::{BarrierLadder, Ladder, Options, Simulator, World},
 };
 use volcomp_guard::{
-    barrier::{FRAME_WORDS, Program, Report, Settings},
+    barrier::{FRAME_WORDS, Program, Protection, Report, Settings},
     protocol::{Counts, Refusal, ReportStatus, Session},
 };
 use volcomp_port::{Controller, Fault, Heartbeat, Words};
@@ -20,6 +20,7 @@ use volcomp_vocabulary::{AxisName, PerChannel};
 use crate::{
     TIMEOUT, at, config,
     controller::{connected, soon},
+    until,
 };
 
 const AXES: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
@@ -32,8 +33,13 @@ pub(crate) fn area() -> BarrierArea {
     BarrierArea { frame: r(200), report: r(240) }
 }
 
+/// The time-out is so long that the barrier of a busy test still holds its correction.
 fn settings(axes: usize) -> Settings {
-    volcomp_test_support::barrier::settings(&AXES[..axes]).unwrap()
+    let protection = Protection {
+        time_out: Duration::from_secs(3),
+        ..volcomp_test_support::barrier::protection()
+    };
+    protection.settings(&volcomp_test_support::barrier::axes(&AXES[..axes])).unwrap()
 }
 
 pub(crate) fn simulated(options: Options) -> Simulator {
@@ -154,7 +160,13 @@ fn torn_frames_and_reports_are_rejected() {
     let mut sender = Sender::new(79);
     sender.drive(&mut controller, [5, 5, 5]);
     let mut refused = 0;
-    for bytes in (2..18).step_by(2) {
+    let end = Instant::now() + TIMEOUT;
+    // A busy computer may miss the scans with the first half alone: then again.
+    for bytes in (2..18).step_by(2).cycle() {
+        if bytes == 2 && refused > 0 {
+            break;
+        }
+        assert!(Instant::now() < end, "no half of a frame was refused");
         sender.read(&mut controller);
         simulator.world().tear_next_write(bytes);
         // The first half alone is visible only at the next scan.
@@ -165,7 +177,6 @@ fn torn_frames_and_reports_are_rejected() {
         refused += u32::from(sender.last.unwrap().refusal == Refusal::Checksum);
         sleep(Duration::from_millis(8));
     }
-    assert!(refused > 0);
     let steps = simulator.world().largest_steps().to_vec();
     assert!(steps.iter().all(|step| *step <= 2), "{steps:?}");
 }
@@ -178,14 +189,15 @@ fn silence_ramps_to_zero_and_an_old_frame_is_rejected() {
     sender.drive(&mut controller, [90, 0, -90]);
     sender.read(&mut controller);
     let old = sender.frame([90, 0, -90]).unwrap();
-    sleep(Duration::from_millis(450 + 90 + 100));
-    assert_eq!(simulator.world().shifts()[..3], [0.0; 3]);
+    until("it is ramped to zero", || simulator.world().shifts()[..3] == [0.0; 3]);
     controller.post(&old, soon()).unwrap();
-    sleep(Duration::from_millis(50));
+    let end = Instant::now() + TIMEOUT;
+    while sender.last.unwrap().refusal != Refusal::Epoch {
+        assert!(Instant::now() < end, "{:?}", sender.last);
+        sender.read(&mut controller);
+    }
     assert_eq!(simulator.world().shifts()[..3], [0.0; 3]);
     assert!(simulator.world().largest_steps().iter().all(|s| *s <= 2));
-    sender.read(&mut controller);
-    assert_eq!(sender.last.unwrap().refusal, Refusal::Epoch);
 }
 
 #[test]
@@ -201,8 +213,7 @@ fn garbage_in_memory_causes_no_step() {
     sender.drive(&mut controller, [110, 10, 0]);
     // Another writer changes the axis words: the next scan restores the applied correction.
     simulator.world().set_words(r(100), &[5000, 0, 0]);
-    sleep(Duration::from_millis(20));
-    assert_eq!(simulator.world().shifts(), [0.110, 0.010, 0.0]);
+    until("it is restored", || simulator.world().shifts() == [0.110, 0.010, 0.0]);
 }
 
 /// While the control holds its axes, the correction does not change. After a power-up it is zero, with a new epoch.

@@ -17,7 +17,7 @@ use volcomp_vocabulary::{AxisName, Mm, PerChannel};
 use crate::{TIMEOUT, at, barrier, config, simulator};
 
 pub(crate) fn soon() -> Instant {
-    Instant::now() + Duration::from_secs(1)
+    Instant::now() + TIMEOUT
 }
 
 pub(crate) fn connected(config: FocasConfig) -> FocasController {
@@ -200,8 +200,8 @@ fn a_heartbeat_within_the_shift_words_is_rejected() {
 
 const AXES: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
 
-/// Runs cycles while the connection is open, lost, missing and restored.
-fn cycles(controller: &mut FocasController, silence: impl Fn(), frame: Option<&Words>) {
+/// Runs cycles while the connection is open, lost, missing and restored. `silence` makes the control silent for some time from now on.
+fn cycles(controller: &mut FocasController, silence: impl Fn(Duration), frame: Option<&Words>) {
     let cycle = |controller: &mut FocasController, deadline: Instant| {
         assert_no_alloc(|| {
             let read = controller.read(deadline).map(drop);
@@ -215,10 +215,11 @@ fn cycles(controller: &mut FocasController, silence: impl Fn(), frame: Option<&W
     for _ in 0..20 {
         assert_eq!(cycle(controller, soon()), (Ok(()), Ok(())));
     }
-    silence();
+    silence(TIMEOUT);
     let (read, written) = cycle(controller, Instant::now() + Duration::from_millis(5));
     assert_eq!(read, Err(Fault::TimedOut));
     assert_eq!(written, Err(Fault::NotConnected));
+    silence(Duration::ZERO);
     controller.wait(TIMEOUT).unwrap();
     assert_eq!(cycle(controller, soon()), (Ok(()), Ok(())));
 }
@@ -226,7 +227,7 @@ fn cycles(controller: &mut FocasController, silence: impl Fn(), frame: Option<&W
 #[test]
 fn cycles_do_not_allocate() {
     let simulator = barrier::simulated(Options::default());
-    let silence = || simulator.world().pause(Duration::from_millis(50));
+    let silence = |time| simulator.world().pause(time);
     cycles(&mut connected(config(&simulator, &AXES)), silence, None);
     let with_barrier = FocasConfig { barrier: Some(barrier::area()), ..config(&simulator, &AXES) };
     let frame = Words::new(&[0; 9]).unwrap();

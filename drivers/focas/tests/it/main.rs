@@ -24,7 +24,8 @@ use volcomp_vocabulary::AxisName;
 #[global_allocator]
 static ALLOCATOR: assert_no_alloc::AllocDisabler = assert_no_alloc::AllocDisabler;
 
-const TIMEOUT: Duration = Duration::from_secs(5);
+/// Timeout of all waits; long enough for a busy computer.
+const TIMEOUT: Duration = Duration::from_secs(60);
 
 fn simulator(options: Options) -> Simulator {
     Simulator::start("127.0.0.1:0", options, World::new(&['X', 'Y', 'Z', 'C'])).unwrap()
