@@ -21,7 +21,8 @@ use volcomp_guard::{
 use volcomp_test_support::{Running, machines::gantry};
 use volcomp_vocabulary::{AxisName, PerChannel};
 
-const PATIENCE: Duration = Duration::from_secs(10);
+/// Timeout of all waits; long enough for a busy computer.
+const PATIENCE: Duration = Duration::from_secs(60);
 
 struct Simulator {
     running: Running,
@@ -72,6 +73,12 @@ fn until(what: &str, holds: impl FnMut() -> bool) {
     volcomp_test_support::until(what, PATIENCE, holds);
 }
 
+/// Waits until the emergency stop is pressed, from which on the axes stand.
+fn is_stopped(simulator: &Simulator) {
+    let mut client = simulator.client();
+    until("the emergency stop is pressed", || client.status().unwrap().emergency != 0);
+}
+
 #[test]
 fn it_listens_and_moves_the_axes() {
     let simulator = Simulator::start(&["--axes", "X,Y,C", "--version", "4", "--stroke-mm", "100"]);
@@ -79,8 +86,7 @@ fn it_listens_and_moves_the_axes() {
     assert_eq!(client.version(), 4);
     assert_eq!(client.axis_names().unwrap(), ['X', 'Y', 'C']);
     let first = client.positions(PositionKind::Machine, 3).unwrap();
-    std::thread::sleep(Duration::from_millis(300));
-    assert_ne!(client.positions(PositionKind::Machine, 3).unwrap(), first);
+    until("it moves", || client.positions(PositionKind::Machine, 3).unwrap() != first);
 }
 
 #[test]
@@ -99,8 +105,7 @@ fn a_program_is_repeated() {
     let simulator = Simulator::start(&["--axes", "X,Y,C", "--program", file, "--at", "Y=7"]);
     let mut client = simulator.client();
     let mut seen = Vec::new();
-    let end = Instant::now() + Duration::from_secs(2);
-    while Instant::now() < end {
+    until("two repetitions", || {
         let positions = client.positions(PositionKind::Machine, 3).unwrap();
         let on_the_way = (0.0..=10.0).contains(&positions[0]) && positions[1] == 7.0;
         let together = (positions[2] - 9.0 * positions[0]).abs() < 0.01;
@@ -109,8 +114,8 @@ fn a_program_is_repeated() {
         if ends.contains(&true) && seen.last() != Some(&ends) {
             seen.push(ends);
         }
-    }
-    assert!(seen.len() >= 4, "{seen:?}");
+        seen.len() >= 4
+    });
 }
 
 #[test]
@@ -140,52 +145,43 @@ fn states_are_set_by_options_and_commands() {
 /// The axes stop during an emergency stop. Afterwards they continue from there without a jump.
 #[test]
 fn the_axes_stop_during_an_emergency_stop() {
-    // 100 mm back and forth within 60 s is at most 5.3 mm/s.
     let mut simulator = Simulator::start(&["--stroke-mm", "100", "--period-s", "60"]);
     let mut client = simulator.client();
     let mut at = || client.positions(PositionKind::Machine, 3).unwrap()[0];
     let start = at();
     until("it moves", || at() > start + 0.01);
     simulator.type_line("estop on");
-    let mut before = at();
-    until("it stands", || {
-        std::thread::sleep(Duration::from_millis(100));
-        let now = at();
-        let stands = now == before;
-        before = now;
-        stands
-    });
+    is_stopped(&simulator);
     let stands = at();
     std::thread::sleep(Duration::from_secs(2));
     assert_eq!(at(), stands);
+    let released = Instant::now();
     simulator.type_line("estop off");
     let mut after = stands;
     until("it goes on", || {
         after = at();
         after > stands
     });
-    assert!(after < stands + 5.0, "{stands} to {after} mm");
+    // 100 mm back and forth within 60 s is at most 5.3 mm/s.
+    let most = 5.3 * released.elapsed().as_secs_f64();
+    assert!(after < stands + most, "{stands} to {after} mm, at most {most} mm");
 }
 
 #[test]
 fn it_pauses_and_answers_afterwards() {
     let mut simulator = Simulator::start(&[]);
     let mut client = simulator.client();
-    let longest = |client: &mut Client, time: Duration| {
-        let (begun, mut longest) = (Instant::now(), Duration::ZERO);
-        while begun.elapsed() < time {
+    let pauses = |client: &mut Client, ms| {
+        until("it pauses, and answers", || {
             let asked = Instant::now();
             client.status().unwrap();
-            longest = longest.max(asked.elapsed());
-        }
-        longest
+            asked.elapsed() > Duration::from_millis(ms)
+        });
     };
     simulator.type_line("pause 0.4");
-    let found = longest(&mut client, Duration::from_millis(900));
-    assert!(found > Duration::from_millis(300), "{found:?}");
+    pauses(&mut client, 300);
     let simulator = Simulator::start(&["--pause-s", "0.3", "--pause-every-s", "0.6"]);
-    let found = longest(&mut simulator.client(), Duration::from_millis(1300));
-    assert!(found > Duration::from_millis(200), "{found:?}");
+    pauses(&mut simulator.client(), 200);
 }
 
 #[test]
@@ -282,13 +278,14 @@ fn a_barrier_protects_the_axes_by_default() {
             client.write_pmc(PmcArea::R, 200, &bytes).unwrap();
         }
         settings = Some(report.settings);
-        report.applied == PerChannel::leading([30, -10])
+        let is_applied = report.applied == PerChannel::leading([30, -10]);
+        // The words of this moment: without frames the barrier ramps them to zero.
+        let bytes = client.read_pmc(PmcArea::R, 100, 6).unwrap();
+        is_applied && bytes == [0, 0, 30, 0, 0xf6, 0xff]
     });
     let settings = settings.unwrap();
     assert_eq!((settings.limit[0], settings.rate[0]), (150, 2));
     assert_eq!((settings.hold_scans, settings.time_out_scans), (100, 225));
-    let bytes = client.read_pmc(PmcArea::R, 100, 6).unwrap();
-    assert_eq!(bytes, [0, 0, 30, 0, 0xf6, 0xff]);
     simulator.type_line("quit");
     assert_eq!(simulator.end(), Some(0));
     let steps = simulator.json();

@@ -14,7 +14,7 @@ use super::{PATIENCE, Simulator};
 
 const AXES: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
 const CAPACITY: u16 = 700;
-/// The map is valid for 1 s after the last frame. Then the correction ramps to zero by 2 µm per scan of 8 ms.
+/// The map is valid for 6 s after the last frame, so that a busy test still has it. Then the correction ramps to zero by 2 µm per scan of 8 ms.
 const CONTROL: [&str; 14] = [
     "--map-words",
     "700",
@@ -29,7 +29,7 @@ const CONTROL: [&str; 14] = [
     "--hold-ms",
     "400",
     "--time-out-ms",
-    "1000",
+    "6000",
 ];
 
 struct Words(MapWords);
@@ -81,7 +81,7 @@ fn sender(counter: u16, owner: u16) -> Sender {
     let allowed = SenderLimits {
         limit_mm: 0.1,
         slew_mm_per_s: 0.25,
-        zero_after_s: 1.0,
+        zero_after_s: 6.0,
         scan_s: 0.008,
         capacity: CAPACITY.into(),
     };
