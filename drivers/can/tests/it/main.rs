@@ -102,7 +102,7 @@ pub(crate) fn config(dbc: &str, axes: &[AxisName]) -> BridgeConfig {
 }
 
 pub(crate) fn soon() -> Instant {
-    Instant::now() + Duration::from_millis(30)
+    Instant::now() + Duration::from_secs(3)
 }
 
 /// Frame of a message with these values, with counter and checksum.

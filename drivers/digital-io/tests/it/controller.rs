@@ -14,7 +14,7 @@ use volcomp_port::{
 use volcomp_vocabulary::{AxisKind, AxisName, Displacement, Mm, PerChannel, Urad};
 
 fn soon() -> Instant {
-    Instant::now() + Duration::from_millis(200)
+    Instant::now() + Duration::from_secs(60)
 }
 
 fn on_panel(wiring: &Wiring, axes: &[DigitalAxis]) -> (Panel, DigitalController<Panel>) {
