@@ -129,8 +129,9 @@ impl Pulse {
 
     /// Time since the end of the last cycle, or since the start of the thread before the first one.
     pub fn age(&self) -> Duration {
-        let done = Duration::from_nanos(self.shared.cycle_done_ns.load(Ordering::Relaxed));
-        self.clock.elapsed().saturating_sub(done)
+        // Before the time of the cycle: if this thread is suspended in between, cycles go on, and none is missing.
+        let now = self.clock.elapsed();
+        now.saturating_sub(Duration::from_nanos(self.shared.cycle_done_ns.load(Ordering::Relaxed)))
     }
 
     pub fn clock(&self) -> &Clock {

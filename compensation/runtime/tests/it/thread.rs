@@ -20,6 +20,9 @@ use volcomp_runtime::{
 
 use crate::rig::{PERIOD, Rig, alone, control, cycle_of, guard, machine, path_of};
 
+/// Timeout of all waits; long enough for a busy computer.
+const TIMEOUT: Duration = Duration::from_secs(60);
+
 /// A running thread, the limits of its path, and the switch that makes its controller hang.
 fn running() -> (Handle, Limits, HangSwitch) {
     let guard = guard();
@@ -37,18 +40,27 @@ fn running() -> (Handle, Limits, HangSwitch) {
 
 pub(crate) fn after_cycles(handle: &mut Handle, more: u64) {
     let until = handle.cycles() + more;
-    let end = Instant::now() + Duration::from_secs(20);
+    let end = Instant::now() + TIMEOUT;
     while handle.cycles() < until && Instant::now() < end {
         std::thread::sleep(PERIOD);
     }
     assert!(handle.cycles() >= until, "no cycles");
 }
 
+/// Requests to arm until it is armed: a request expires if the thread is suspended for a second.
+fn arms(handle: &mut Handle) {
+    volcomp_test_support::until("it is armed", TIMEOUT, || {
+        assert!(handle.send(Order::Request(Request::Arm)));
+        after_cycles(handle, 5);
+        handle.report().state.is_armed()
+    });
+}
+
 #[test]
 fn a_request_to_arm_expires_while_the_thread_hangs() {
     let (mut handle, _, hangs) = running();
     let pulse = handle.pulse();
-    assert_eq!(pulse.silence(), None);
+    volcomp_test_support::until("it cycles", TIMEOUT, || pulse.silence().is_none());
     hangs.set(true);
     std::thread::sleep(Pulse::JITTER * 2);
     let silence = pulse.silence().expect("no cycle for 200 ms");
@@ -61,9 +73,8 @@ fn a_request_to_arm_expires_while_the_thread_hangs() {
     after_cycles(&mut handle, 20);
     assert_eq!(handle.report().state.name(), "disarmed");
     assert_eq!(handle.changes(), []);
-    assert!(handle.send(Order::Request(Request::Arm)));
-    after_cycles(&mut handle, 20);
-    assert!(handle.report().state.is_armed(), "a new request is executed");
+    // A new request is executed.
+    arms(&mut handle);
 }
 
 /// Disarming needs no room in the full queue, and no earlier request arms afterwards.
@@ -87,17 +98,13 @@ fn disarming_overtakes_queued_orders() {
     assert!(handle.send_by(Order::Request(Request::Arm), until, before));
     after_cycles(&mut handle, 5);
     assert_eq!(handle.report().state.name(), "disarmed");
-    assert!(handle.send(Order::Request(Request::Arm)));
-    after_cycles(&mut handle, 5);
-    assert!(handle.report().state.is_armed());
+    arms(&mut handle);
     switch.disarm();
     after_cycles(&mut handle, 3);
     assert!(!handle.report().state.is_armed());
     // The end of the program disarms as well.
     after_cycles(&mut handle, 200);
-    assert!(handle.send(Order::Request(Request::Arm)));
-    after_cycles(&mut handle, 5);
-    assert!(handle.report().state.is_armed());
+    arms(&mut handle);
     switch.end();
     after_cycles(&mut handle, 3);
     assert!(!handle.report().state.is_armed());
@@ -111,13 +118,13 @@ fn stopping_a_hanging_thread_times_out() {
     assert!(!handle.stop_within(Duration::from_millis(50)));
     hangs.set(false);
     let (mut handle, _, _) = running();
-    assert!(handle.stop_within(Duration::from_secs(20)));
+    assert!(handle.stop_within(TIMEOUT));
 }
 
 #[test]
 fn a_thread_arms_and_ends() {
     let (mut handle, limits, _) = running();
-    let end = Instant::now() + Duration::from_secs(20);
+    let end = Instant::now() + TIMEOUT;
     assert!(handle.send(Order::Request(Request::Arm)));
     while handle.report().state.name() != "compensating" && Instant::now() < end {
         std::thread::sleep(PERIOD);
@@ -208,7 +215,7 @@ fn cut(first: &Remote, calls: u32) {
 }
 
 fn until(handle: &mut Handle, what: &str, holds: impl Fn(&Report) -> bool) -> Report {
-    let end = Instant::now() + Duration::from_secs(30);
+    let end = Instant::now() + TIMEOUT;
     while Instant::now() < end {
         let report = *handle.report();
         if holds(&report) {
@@ -231,10 +238,11 @@ fn a_hanging_standby_delays_no_cycle_and_takes_over_later() {
     // The cycle continues while an exchange with the standby path hangs.
     second.set(true);
     let before = handle.cycles();
-    let silent = |report: &Report| report.reasons.contains(Reasons::STANDBY_SILENT);
+    let silent =
+        |report: &Report| report.reasons.contains(Reasons::STANDBY_SILENT) && compensates(report);
     let report = until(&mut handle, "silent", silent);
     assert!(handle.cycles() - before > 100, "{}", handle.cycles());
-    assert_eq!((report.state.name(), report.active), ("compensating", 0));
+    assert_eq!(report.active, 0);
     let [corrects, hangs] = [0, 1].map(|path| report.paths[path].answered.expect("it did"));
     assert!(hangs > Duration::from_secs(1) && corrects < hangs);
     // A path that does not answer cannot take over.
