@@ -95,12 +95,13 @@ impl Published {
     /// The current state with its age: the state of the last cycle, or `unknown` if no cycle has run for three periods
     /// ([`Pulse::patience`]).
     pub fn latest(&self) -> Status {
+        // Before the state: if this thread is suspended in between, cycles go on, and none is missing.
+        let now = self.pulse.clock().now();
         let (status, cycle_at) = {
             let latest = locked(&self.shared.latest);
             (Arc::clone(&latest.0), latest.1)
         };
         let mut status = Status::clone(&status);
-        let now = self.pulse.clock().now();
         let age = now.saturating_duration_since(cycle_at);
         observe::age(&mut status, age);
         let stale = Some(age).filter(|age| *age > self.pulse.patience() + PUBLISHED_EVERY);
