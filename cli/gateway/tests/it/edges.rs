@@ -35,13 +35,14 @@ use volcomp_runtime::{
     AxisSettings, BarrierSettings, ControlPath, Cycle, CycleInput, GuardSettings, Model, PathPlan,
     PathSettings, Report, Sensors,
 };
+use volcomp_test_support::until;
 use volcomp_vocabulary::{AxisName, Displacement, Mm, PerAxis, PerChannel, Um};
 
 use crate::{
     bench::{self, Bench, PERIOD, Seen, Watched, cycle, unproven},
     check::check,
     manual::{controlled_configuration, machine},
-    program::{Program, change, path},
+    program::{PATIENCE, Program, change, path},
 };
 
 /// Rate of the barrier: counts of 1 µm per scan of 2 ms.
@@ -91,13 +92,7 @@ pub(crate) fn guarded(dir: &Path, control: &Simulator) -> std::path::PathBuf {
 /// Waits until the gateway compensates and the axes have their correction, −20 µm on Y.
 fn corrects(program: &Program, control: &Simulator) {
     program.wait_for("compensating");
-    for _ in 0..2000 {
-        if control.world().shift_counts()[1] == -20 {
-            return;
-        }
-        sleep(Duration::from_millis(5));
-    }
-    panic!("{:?}: {}", control.world().shift_counts(), program.state());
+    until("Y has its correction", PATIENCE, || control.world().shift_counts()[1] == -20);
 }
 
 fn no_step(control: &Simulator, of: &str) {
@@ -120,9 +115,8 @@ fn stopped_or_killed_at_any_moment_no_axis_steps() {
         sleep(some(number, 300));
         program.signal("STOP");
         sleep(Duration::from_secs(2));
-        let held = control.world().shifts();
+        until("the control ramps to zero", PATIENCE, || control.world().shifts() == [0.0; 3]);
         program.signal("CONT");
-        assert_eq!(held, [0.0; 3], "the control ramps to zero");
         corrects(&program, &control);
         no_step(&control, &format!("stopped, {number}"));
         sleep(some(number, 700));

@@ -17,7 +17,7 @@ use serde_json::Value;
 use volcomp_devices::controllers;
 use volcomp_focas::simulator::{Options, Simulator, World};
 use volcomp_gateway::http::Tokens;
-use volcomp_test_support::{Running, book, free_address, rows};
+use volcomp_test_support::{Running, book, free_address, rows, until};
 
 use crate::{
     manual::controlled_configuration,
@@ -117,8 +117,10 @@ fn the_commands_of_the_page_lead_to_a_correction() {
     gateway.wait_for("compensating");
     eprintln!("init to compensating: {:.1?}", begun.elapsed());
     let listen = gateway.address.to_string();
-    let status = done(dir, &["status", "--listen", &listen]);
-    assert!(status.contains("state             compensating"), "{status}");
+    until("it reports its state", PATIENCE, || {
+        let status = done(dir, &["status", "--listen", &listen]);
+        status.contains("state             compensating")
+    });
     let out = done(dir, &["disarm", "--listen", &listen]);
     assert!(out.contains("ramping-out") || out.contains("disarmed"), "{out}");
     gateway.wait_for("disarmed");

@@ -16,7 +16,10 @@ use serde_json::{Value, json};
 use crate::{
     interop::validate,
     manual::{Served, control, controlled_configuration, served_configuration},
-    program::{Answer, Client, MACHINE, OPERATE, PATIENCE, Program, VIEW, answer, change, path},
+    program::{
+        Answer, Client, MACHINE, OPERATE, PATIENCE, Program, VIEW, answer, change, exchange_over,
+        path,
+    },
 };
 
 pub(crate) const ENGINEER: &str = "00112233445566778899aabbccddeeff";
@@ -103,13 +106,18 @@ pub(crate) fn machine_file(program: &Client, text: &str) -> Value {
 }
 
 pub(crate) fn activate(program: &Client, candidate: &Value, confirm: Option<&Value>) -> Answer {
+    post(program, "activate", &activation(candidate, confirm))
+}
+
+/// The body of the request that activates a candidate.
+fn activation(candidate: &Value, confirm: Option<&Value>) -> Value {
     // A candidate without a result has no hash.
     let hash = candidate["result"]["hash"].as_str().unwrap_or("none");
     let mut body = json!({ "candidate": candidate["id"], "hash": hash });
     if let Some(hash) = confirm {
         body["confirm"] = hash.clone();
     }
-    post(program, "activate", &body)
+    body
 }
 
 fn y(program: &Client, um: f64) {
@@ -341,9 +349,11 @@ fn a_kill_at_any_moment_leaves_one_of_the_two_models() {
         let made = machine_file(&program, &with_y(um));
         assert_eq!(made["step"], "ready", "{made}");
         let after = made["result"]["hash"].clone();
-        let client = program.clone();
-        // The kill may come before the activation. A small change needs no confirmation.
-        let asked = std::thread::spawn(move || activate(&client, &made, None).status);
+        // The kill may come before the activation, but not before the connection. A small change needs no confirmation.
+        let (stream, body) = (program.connect(), activation(&made, None).to_string());
+        let text = program.request_text("POST", "/api/model/activate", Some(ENGINEER), &body);
+        let asked =
+            std::thread::spawn(move || answer(&exchange_over(stream, text.as_bytes())).status);
         std::thread::sleep(Duration::from_millis(delay_ms));
         program.signal("KILL");
         program.end();

@@ -136,17 +136,23 @@ impl Client {
         token: Option<&str>,
         body: &str,
     ) -> Answer {
+        answer(&self.raw(self.request_text(method, path, token, body).as_bytes()))
+    }
+
+    pub(crate) fn request_text(
+        &self,
+        method: &str,
+        path: &str,
+        token: Option<&str>,
+        body: &str,
+    ) -> String {
         let authorization =
             token.map_or(String::new(), |token| format!("Authorization: Bearer {token}\r\n"));
-        let text = self.raw(
-            format!(
-                "{method} {path} HTTP/1.1\r\nHost: {}\r\n{authorization}Content-Length: {}\r\nConnection: close\r\n\r\n{body}",
-                self.address,
-                body.len()
-            )
-            .as_bytes(),
-        );
-        answer(&text)
+        format!(
+            "{method} {path} HTTP/1.1\r\nHost: {}\r\n{authorization}Content-Length: {}\r\nConnection: close\r\n\r\n{body}",
+            self.address,
+            body.len()
+        )
     }
 
     pub(crate) fn get(&self, path: &str) -> Answer {
@@ -219,7 +225,11 @@ fn connect(address: SocketAddr) -> TcpStream {
 
 /// Sends bytes to an address. Returns all bytes received until the peer closes the connection.
 pub(crate) fn exchange(address: SocketAddr, bytes: &[u8]) -> String {
-    let mut stream = connect(address);
+    exchange_over(connect(address), bytes)
+}
+
+/// Sends bytes over a connection. Returns all bytes received until the peer closes it.
+pub(crate) fn exchange_over(mut stream: TcpStream, bytes: &[u8]) -> String {
     // The peer may close during the write.
     let _ = stream.write_all(bytes);
     let mut answer = Vec::new();
