@@ -262,10 +262,8 @@ fn invalid_machines_are_rejected_without_showing_a_seed() {
 fn an_unreachable_server_and_a_used_port_are_reported_once() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    // A port that was closed again, so connections are refused.
-    let free = TcpListener::bind("127.0.0.1:0").unwrap();
-    let server = free.local_addr().unwrap();
-    drop(free);
+    // Nothing listens there, so connections are refused.
+    let server = volcomp_test_support::free_address();
     let nats = format!("[nats]\nurl = \"nats://{server}\"\n");
     std::fs::write(folder.join("centre.toml"), &nats).unwrap();
     std::fs::write(folder.join("mill.toml"), crate::support::model_text(7)).unwrap();
