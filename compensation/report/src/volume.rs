@@ -20,6 +20,8 @@ use crate::report::{
 
 const CELLS: usize = 25;
 const VECTORS: usize = 5;
+/// Error vectors along each axis of the view in three dimensions.
+const VECTORS_IN_SPACE: usize = 11;
 
 /// Error of a machine at a pose: position (mm), then rotation (rad), in workpiece axes.
 pub type ErrorAt<'a> = &'a dyn Fn(&Pose) -> [f64; 6];
@@ -38,7 +40,7 @@ pub fn volume(
     before: (State, &[ErrorField<'_>], VolumetricError),
     after: Option<(State, &[ErrorField<'_>], VolumetricError)>,
 ) -> Result<Option<Volume>, ModelError> {
-    let grid = MapGrid::over_travels(machine, [VECTORS; 3], others)?;
+    let grid = MapGrid::over_travels(machine, [VECTORS_IN_SPACE; 3], others)?;
     let Some(first) = before.1.first().filter(|_| grid.axes.len() >= 2) else {
         return Ok(None);
     };

@@ -76,27 +76,61 @@
   for (const svg of document.querySelectorAll("svg.quiver")) {
     let [turn, tilt] = numbers(svg.dataset.view);
     const [width, height, scale] = numbers(svg.dataset.size);
-    const lines = [...svg.querySelectorAll("path[data-p]")].map((path) => [path, numbers(path.dataset.p), path.dataset.v && numbers(path.dataset.v)]);
-    const names = [...svg.querySelectorAll("text[data-p]")].map((name) => [name, numbers(name.dataset.p)]);
-    let least = 0;
+    // Vectors have sizes and a path of dots, the edges of the box have none.
+    const sets = [...svg.querySelectorAll("path[data-p]")].map((path) => ({
+      path, p: numbers(path.dataset.p), sizes: numbers(path.dataset.v || ""), root: path.dataset.v && path.nextElementSibling,
+    }));
+    const names = [...svg.querySelectorAll("text[data-p]")].map((name) => ({ name, p: numbers(name.dataset.p) }));
+    // Without a graphics card Chromium turns a thousand paths 30 times a second, and a canvas 60 times. Paper gets the paths.
+    const stage = document.createElement("div");
+    const canvas = document.createElement("canvas");
+    stage.className = "stage";
+    canvas.setAttribute("aria-hidden", "true");
+    svg.replaceWith(stage);
+    stage.append(svg, canvas);
+    const pen = canvas.getContext("2d");
+    let least = 0, zoom = 1, onPaper = false;
     const draw = () => {
       const st = Math.sin(turn), ct = Math.cos(turn), si = Math.sin(tilt), ci = Math.cos(tilt);
       const place = (x, y, z) => [
-        (width / 2 + (x * ct - y * st) * scale).toFixed(2),
-        (height / 2 - (z * ci + (x * st + y * ct) * si) * scale).toFixed(2),
+        width / 2 + (x * ct - y * st) * scale,
+        height / 2 - (z * ci + (x * st + y * ct) * si) * scale,
       ];
-      for (const [path, p, sizes] of lines) {
-        let d = "";
-        for (let i = 0; i < p.length; i += 6) {
-          if (sizes && sizes[i / 6] < least) continue;
-          d += `M${place(p[i], p[i + 1], p[i + 2]).join(" ")}L${place(p[i + 3], p[i + 4], p[i + 5]).join(" ")}`;
+      if (onPaper) {
+        for (const { path, p, root } of sets) {
+          let lines = "", dots = "";
+          for (let i = 0; i < p.length; i += 6) {
+            const from = "M" + place(p[i], p[i + 1], p[i + 2]).map((at) => at.toFixed(2)).join(" ");
+            lines += from + "L" + place(p[i + 3], p[i + 4], p[i + 5]).map((at) => at.toFixed(2)).join(" ");
+            dots += from + "h0";
+          }
+          path.setAttribute("d", lines);
+          if (root) root.setAttribute("d", dots);
         }
-        path.setAttribute("d", d);
+        for (const { name, p } of names) ["x", "y"].forEach((key, i) => name.setAttribute(key, place(...p)[i]));
+        return;
       }
-      for (const [name, p] of names) {
-        const [x, y] = place(p[0], p[1], p[2]);
-        name.setAttribute("x", x);
-        name.setAttribute("y", y);
+      const scaled = (x, y, z) => place(x, y, z).map((at) => zoom * at);
+      pen.clearRect(0, 0, canvas.width, canvas.height);
+      for (const { p, sizes, root, style } of sets) {
+        pen.strokeStyle = pen.fillStyle = style.stroke;
+        pen.globalAlpha = style.opacity;
+        pen.lineWidth = parseFloat(style.strokeWidth);
+        pen.beginPath();
+        for (let i = 0; i < p.length; i += 6) {
+          if (root && sizes[i / 6] < least) continue;
+          const [x, y] = scaled(p[i], p[i + 1], p[i + 2]);
+          if (root) pen.fillRect(x - 1.5, y - 1.5, 3, 3);
+          pen.moveTo(x, y);
+          pen.lineTo(...scaled(p[i + 3], p[i + 4], p[i + 5]));
+        }
+        pen.stroke();
+      }
+      pen.globalAlpha = 1;
+      for (const { name, p, style } of names) {
+        pen.fillStyle = style.fill;
+        pen.font = `${style.fontWeight} ${zoom * parseFloat(style.fontSize)}px ${style.fontFamily}`;
+        pen.fillText(name.textContent, ...scaled(...p));
       }
     };
     const turned = (by, up) => {
@@ -106,7 +140,7 @@
     };
     const level = svg.closest(".keep").querySelector(".level");
     const slider = level.querySelector("input");
-    const vectors = [...svg.querySelectorAll("path.vector")].flatMap((path) => numbers(path.dataset.v));
+    const vectors = sets.flatMap(({ sizes, root }) => root ? sizes : []);
     const filter = () => {
       least = Number(slider.value);
       draw();
@@ -115,9 +149,24 @@
       level.querySelector("output").textContent = text + ": " + vectors.filter((um) => um >= least).length + " of " + vectors.length;
     };
     // On paper there is no slider, so every vector is drawn.
-    addEventListener("beforeprint", () => { least = 0; draw(); });
-    addEventListener("afterprint", filter);
+    for (const [event, paper] of [["beforeprint", true], ["afterprint", false]]) addEventListener(event, () => { onPaper = paper; draw(); });
+    // A frame that reads the layout or the colours waits for them.
+    const fit = () => {
+      const box = svg.getBoundingClientRect();
+      zoom = box.width / width;
+      for (const side of ["width", "height"]) {
+        canvas[side] = Math.round(box[side] * devicePixelRatio);
+        canvas.style[side] = box[side] + "px";
+      }
+      pen.scale(devicePixelRatio, devicePixelRatio);
+      pen.textAlign = "center";
+      for (const part of [...sets, ...names]) part.style = getComputedStyle(part.path || part.name);
+      draw();
+    };
+    new ResizeObserver(fit).observe(svg);
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", fit);
     slider.addEventListener("input", filter);
+    fit();
     filter();
     level.hidden = false;
     let last = null;

@@ -234,8 +234,11 @@ pub fn quiver(quiver: &Quiver) -> String {
         let sizes = format!(" data-v=\"{}\"", sizes.collect::<Vec<_>>().join(" "));
         put(&mut svg, &format!("vector {class}"), &sizes, &lines, scale_px);
         // A dot at the start of each arrow.
-        let dots: Vec<_> = lines.iter().map(|[from, _]| [*from; 2]).collect();
-        put(&mut svg, &format!("root {class}"), &sizes, &dots, scale_px);
+        let dots: String = (lines.iter())
+            .map(|[from, _]| projected(*from, VIEW, scale_px).map(finite))
+            .map(|[x, y]| format!("M{x} {y}h0"))
+            .collect();
+        svg.put(format_args!("<path class=\"root {class}\" d=\"{dots}\"/>"));
     }
     for (axis, name) in ["X", "Y", "Z"].into_iter().enumerate() {
         let mut at = [x[0], y[0], z[0]];

@@ -61,36 +61,51 @@ with sync_playwright() as playwright:
     heat.scroll_into_view_if_needed()
     heat.locator("rect").nth(40).hover()
     assert page.locator("#tip").inner_text().endswith("µm")
-    # The vectors turn by the keys and by dragging; the first view is the one that was drawn before the script.
+    # The vectors turn by the keys and by dragging. The first view is the one that was drawn before the script; paper gets the view of the screen.
     quiver = page.locator("svg.quiver")
     quiver.scroll_into_view_if_needed()
-    arrow = quiver.locator("path.vector").first
-    drawn = arrow.get_attribute("d")
+    canvas = page.locator(".stage canvas")
+    paths = quiver.locator("path.vector").all()
+    picture = lambda: canvas.evaluate("(canvas) => canvas.toDataURL()")
+    inked = lambda: canvas.evaluate("""(canvas) => {
+        const copy = Object.assign(document.createElement('canvas'), { width: canvas.width, height: canvas.height });
+        const pen = copy.getContext('2d', { willReadFrequently: true });
+        pen.drawImage(canvas, 0, 0);
+        return pen.getImageData(0, 0, copy.width, copy.height).data.filter((value, i) => i % 4 == 3 && value > 0).length;
+    }""")
+    numbers = lambda d: [float(n) for n in d.replace("M", " ").replace("L", " ").split()]
+    def on_paper():
+        page.evaluate("dispatchEvent(new Event('beforeprint'))")
+        lines = [path.get_attribute("d") for path in paths]
+        page.evaluate("dispatchEvent(new Event('afterprint'))")
+        return lines
+    drawn, first = paths[0].get_attribute("d"), picture()
+    assert max(abs(a - b) for a, b in zip(numbers(on_paper()[0]), numbers(drawn))) < 0.5
+    box, above = quiver.bounding_box(), canvas.bounding_box()
+    assert all(abs(box[key] - above[key]) < 1 for key in box), (box, above)
     quiver.focus()
     page.keyboard.press("ArrowLeft")
-    turned = arrow.get_attribute("d")
-    assert turned != drawn
+    turned = picture()
+    assert turned != first and numbers(on_paper()[0]) != numbers(drawn)
     page.keyboard.press("ArrowRight")
-    numbers = lambda d: [float(n) for n in d.replace("M", " ").replace("L", " ").split()]
-    assert max(abs(a - b) for a, b in zip(numbers(arrow.get_attribute("d")), numbers(drawn))) < 0.5
-    box = quiver.bounding_box()
+    assert max(abs(a - b) for a, b in zip(numbers(on_paper()[0]), numbers(drawn))) < 0.5
     page.mouse.move(box["x"] + 200, box["y"] + 200)
     page.mouse.down()
     page.mouse.move(box["x"] + 260, box["y"] + 220)
     page.mouse.up()
-    assert arrow.get_attribute("d") != turned
-    # The slider hides the vectors below its value, by its keys, and shows how many are left; the longest one stays.
+    assert picture() not in (first, turned)
+    # The slider hides the vectors below its value, by its keys, and shows how many are left; the longest one stays. Paper has all.
     slider = page.get_by_label("Show errors of at least")
-    paths = quiver.locator("path.vector").all()
-    sizes = [[float(size) for size in path.get_attribute("data-v").split()] for path in paths]
-    longest, count = max(max(of) for of in sizes), sum(len(of) for of in sizes)
+    sizes = [float(size) for path in paths for size in path.get_attribute("data-v").split()]
+    whole = inked()
     slider.focus()
     for key in ("End", "ArrowLeft", "Home"):
         page.keyboard.press(key)
         least = float(slider.input_value())
-        expected = [sum(size >= least for size in of) for of in sizes]
-        assert [path.get_attribute("d").count("M") for path in paths] == expected and longest >= least, (key, least)
-        assert page.locator(".level output").inner_text() == f"{slider.input_value()} µm: {sum(expected)} of {count}"
+        shown = sum(size >= least for size in sizes)
+        assert max(sizes) >= least and (inked() < whole) == (shown < len(sizes)), (key, least)
+        assert page.locator(".level output").inner_text() == f"{slider.input_value()} µm: {shown} of {len(sizes)}"
+        assert sum(d.count("M") for d in on_paper()) == len(sizes)
     # Paper is light whatever the screen is, and no picture is cut.
     page.emulate_media(media="print", color_scheme="dark")
     assert page.evaluate("getComputedStyle(document.documentElement).getPropertyValue('--paper')").strip() == "#fff"

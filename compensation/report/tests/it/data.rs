@@ -612,7 +612,7 @@ fn the_working_space_has_the_sizes_of_its_errors() {
     assert!((found.after.expect("after").found.max_um - 400.0).abs() < 1e-9);
     assert_eq!(found.slices.len(), 3);
     assert!((found.slices[0].before_um[24] - 400.0).abs() < 1.0, "the last node of the first row");
-    assert_eq!(found.vectors.len(), 125);
+    assert_eq!(found.vectors.len(), 11 * 11 * 11);
 }
 
 #[test]
