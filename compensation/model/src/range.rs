@@ -146,7 +146,7 @@ impl Machine {
     }
 }
 
-fn in_order(places: &mut Vec<f64>) {
+pub(crate) fn in_order(places: &mut Vec<f64>) {
     places.sort_by(f64::total_cmp);
     places.dedup();
 }

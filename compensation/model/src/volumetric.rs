@@ -14,7 +14,7 @@ use volcomp_kinematics::{
 };
 use volcomp_vocabulary::{AxisName, Direction};
 
-use crate::{axis::Axis, error::ModelError, machine::Machine};
+use crate::{axis::Axis, error::ModelError, machine::Machine, range::in_order};
 
 /// Half the number of poses over which the workpiece is aligned. The other half are mirrored about the middle of the travels, so that an
 /// error that is linear over a travel is aligned exactly.
@@ -394,15 +394,58 @@ fn shares_of<'a>(axis: &Axis, at: &'a [f64]) -> impl Iterator<Item = f64> + use<
     shares.filter(|share| (0.0..=1.0).contains(share))
 }
 
+/// Positions along each axis at which the search samples the curves of all machines of a field, as fractions of the
+/// travel.
 fn places_of_curves(field: &ErrorField<'_>) -> Vec<Vec<f64>> {
     let axes = field.machine.axes();
-    let mut of_axes = vec![Vec::new(); axes.len()];
+    let mut nodes = vec![Vec::new(); axes.len()];
+    let mut of_curves = vec![Vec::new(); axes.len()];
     for machine in &field.curves {
-        for ((shares, axis), at) in of_axes.iter_mut().zip(axes).zip(machine.places()) {
-            shares.extend(shares_of(axis, &at));
+        for (all, of_machine) in nodes.iter_mut().zip(machine.nodes()) {
+            all.extend(of_machine);
+        }
+        for (name, error) in machine.errors() {
+            for of in error.fields() {
+                if let (Field::Curve(curve), Ok(axis)) = (of, machine.index_of(name.axis)) {
+                    of_curves[axis].push(curve.places());
+                }
+            }
         }
     }
-    of_axes
+    let of_axes = axes.iter().zip(nodes).zip(of_curves);
+    let of_axes = of_axes.map(|((axis, mut nodes), of_curves)| {
+        nodes.extend(axis.travel);
+        shares_of(axis, &thinned(nodes, &of_curves)).collect()
+    });
+    of_axes.collect()
+}
+
+/// All nodes, and of the places of the curves only as many that no two neighbours are further apart than those of the
+/// densest curve there. The search refines what it finds, so all places of many curves would only take time.
+fn thinned(mut nodes: Vec<f64>, of_curves: &[Vec<f64>]) -> Vec<f64> {
+    in_order(&mut nodes);
+    let mut all = of_curves.concat();
+    all.extend(&nodes);
+    in_order(&mut all);
+    let gap_at = |place: f64| {
+        let gaps = of_curves.iter().filter_map(|places| {
+            let next = places.partition_point(|other| *other <= place);
+            Some(places.get(next)? - places.get(next.checked_sub(1)?)?)
+        });
+        // Equal gaps may differ in the last digits.
+        gaps.fold(f64::INFINITY, f64::min) * 1.001
+    };
+    let mut kept: Vec<f64> = Vec::new();
+    for (index, &place) in all.iter().enumerate() {
+        let leaves_gap = match (kept.last(), all.get(index + 1)) {
+            (Some(last), Some(next)) => next - last > gap_at(*last).min(gap_at(place)),
+            _ => true,
+        };
+        if leaves_gap || nodes.binary_search_by(|node| node.total_cmp(&place)).is_ok() {
+            kept.push(place);
+        }
+    }
+    kept
 }
 
 fn nodes_of_grids(field: &ErrorField<'_>) -> Vec<GridNodes> {
