@@ -224,8 +224,8 @@ impl Chain {
         Ok(found.map(Option::unwrap_or_default))
     }
 
-    /// The value of an axis in values in the order of the chain, for example a correction; `None` if the chain has no
-    /// such axis.
+    /// Picks the value of an axis from `values`, which are in the order of the chain. `None` if the chain has no such
+    /// axis.
     pub fn of_axis<T: Copy>(&self, axis: AxisName, values: &PerAxis<T>) -> Option<T> {
         self.structure.index_of(axis).map(|index| values[index])
     }
@@ -407,7 +407,7 @@ pub fn along_machine_axis(direction: &Vector3<f64>) -> Option<(usize, bool)> {
 }
 
 impl Joint {
-    /// Why a location error of this axis with this component has no effect; `None` if it has an effect.
+    /// Reason why this component of a location error has no effect on the axis; `None` if it has an effect.
     pub fn no_effect(&self, component: Component) -> Option<NoEffect> {
         let place = component.mcs_index();
         let along = along_machine_axis(&self.direction);

@@ -195,7 +195,8 @@ fn row_towards(frame: &Pose, next: &Joint) -> DhRow {
     }
     let normal = normal / sin_alpha;
     let a_mm = normal.dot(&point);
-    // Distance along the next line from its point to the common normal: across z, the line is at a·normal there.
+    // Signed distance along the next axis from its point to the foot of the common normal. Projected onto the plane
+    // normal to z, this foot is at a·normal.
     let along = -(point - normal * a_mm).dot(&direction.xy().push(0.0)) / (sin_alpha * sin_alpha);
     DhRow {
         theta_rad: atan2(normal.y, normal.x),
@@ -205,7 +206,7 @@ fn row_towards(frame: &Pose, next: &Joint) -> DhRow {
     }
 }
 
-/// A right-handed frame with z along a unit direction; the frame of the MCS for +Z.
+/// Right-handed frame whose third column is the unit direction `z`. For +Z it is the frame of the MCS.
 fn frame_along(z: &Vector3<f64>) -> Matrix3<f64> {
     let seed = if z.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
     let y = z.cross(&seed).normalize();

@@ -117,7 +117,7 @@ pub fn correct<S: ErrorSource>(
         let mut miss = goal.miss(chain, &actual_pose(chain, source, &corrected));
         let mut columns = Columns::at(chain, &corrected, &goal, &correctors);
         let axis = goal.normal_components(&miss.axis);
-        // The uncorrected part of the tool-axis error keeps its value at the command.
+        // The part of the tool-axis error that is not corrected is determined once, at the command.
         let left_out = *left_out.get_or_insert_with(|| axis - nominal.gram.corrected(&axis));
         let (weighted, seen_rad) = columns.gram.solve(rank, &(axis - left_out));
         let linear = linear.at(columns.linear);
@@ -157,7 +157,7 @@ pub fn correct<S: ErrorSource>(
     }
 }
 
-/// Maximum displacement of an axis between two states, mm or rad.
+/// Largest absolute displacement of any axis between two states, mm or rad.
 fn size(a: &State, b: &State) -> f64 {
     let ways = a.q.iter().zip(&b.q).map(|(a, b)| (a - b).abs());
     ways.fold(0.0, f64::max)

@@ -37,28 +37,28 @@ pub enum ChainError {
     NoEffect { error: ErrorName, reason: NoEffect },
 }
 
-/// Why a location error of an axis has no effect. Contains the error motion whose constant describes the same
-/// deviation.
+/// Reason why a location error of an axis has no effect. It names the error motion that describes the same deviation by
+/// a constant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum NoEffect {
-    /// A location offset of a linear axis has no effect.
+    /// Offset of a linear axis, which has a direction but no line.
     #[error("has no effect; put a zero offset into {0}")]
     OffsetOfLinearAxis(InsteadConstant),
-    /// A location error along or about a rotary axis has no effect.
+    /// Offset along a rotary axis, or rotation about it.
     #[error("lies along the axis itself and has no effect; put {} into {}", .0.offset(), .0)]
     AlongRotaryAxis(InsteadConstant),
-    /// A tilt of a linear axis about itself has no effect.
+    /// Rotation of a linear axis about its own direction.
     #[error("turns the axis about itself and has no effect; put a constant roll into {0}")]
     AboutLinearAxis(InsteadConstant),
 }
 
-/// The error motion whose constant replaces a location error without effect.
+/// Error motion in which to enter a constant instead of a location error without effect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InsteadConstant {
     pub error: ErrorName,
-    /// The side of the axis. A location error states where the axis lies, an error motion how the tool moves relative
-    /// to the workpiece. On the workpiece side the constant therefore has the opposite sign.
+    /// The side of the axis. A location error states where the axis lies, an error motion states how the tool moves
+    /// relative to the workpiece. The constant therefore has the opposite sign for an axis on the workpiece side.
     pub side: Side,
 }
 

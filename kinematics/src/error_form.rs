@@ -1,6 +1,6 @@
 //! The three forms of the volumetric error model: `exact`, `htm` and `twist`.
 //!
-//! `GivenErrors` are constant errors.
+//! Also [`GivenErrors`], a source of constant errors.
 
 use core::fmt;
 use core::str::FromStr;
@@ -112,7 +112,7 @@ pub fn actual_point_mm<S: ErrorSource>(
                 rotation_about_axis(&direction, q) * (at - centre) + centre
             }
         };
-        // From right to left in the product of `actual_product`.
+        // The factors of `actual_product` act on the point from right to left.
         point = match (joint.side, joint.errors_on_tool_side()) {
             (Side::Tool, true) => assemble(go(err(point))),
             (Side::Tool, false) => assemble(err(go(point))),
@@ -275,8 +275,8 @@ fn twist_sum<S: ErrorSource>(chain: &Chain, source: &S, state: &State) -> Volume
 /// The functional point during its transformation from the tool to the workpiece, with its accumulated first-order
 /// displacement (mm) and rotation (rad).
 ///
-/// The methods are always inlined: calls would store vectors with another width than they are loaded with, which
-/// doubled the time.
+/// The methods are always inlined. A call would store a vector with one register width and load it with another, which
+/// doubled the computation time.
 struct Walk {
     point: Vector3<f64>,
     linear_mm: Vector3<f64>,

@@ -22,8 +22,8 @@ use crate::pose::rotation_about_axis;
 const ALONG_BELOW_RAD: f64 = 1e-9;
 /// Maximum deviation of the tool axis in a solution, rad.
 const REACHED_WITHIN_RAD: f64 = 1e-9;
-/// Maximum difference between the angles of two solutions that are treated as one, rad. Rounding separates two
-/// solutions that coincide.
+/// Maximum difference between the angles of two solutions that are treated as one, rad. Rounding can make one double
+/// solution appear as two.
 const SAME_BELOW_RAD: f64 = 1e-6;
 /// Maximum distance of the tip from its target in a solution, mm.
 pub const REACHED_WITHIN_MM: f64 = 1e-7;
@@ -37,9 +37,9 @@ const MOST_CHANGES: usize = 10 * MAX_AXES;
 /// treated as coplanar. Nearly coplanar axes reach a point off their plane only by long opposite moves, which are not
 /// made where travel limits are unknown.
 const FLAT_BELOW: f64 = 1e-3;
-/// Minimum volume as [`FLAT_BELOW`] where travel limits are known. Near a pose at which a rotation makes two axes
-/// parallel, some points are reached only by long opposite moves. Below this volume the moves affect the tip by less
-/// than [`REACHED_WITHIN_MM`].
+/// Like [`FLAT_BELOW`], but for axes with known travel limits. Near a pose at which a rotation makes two axes parallel,
+/// some points are reached only by long opposite moves. Below this volume the moves affect the tip by less than
+/// [`REACHED_WITHIN_MM`].
 const EXACT_ABOVE: f64 = 1e-10;
 
 /// Rotary coordinates for a tool direction, and the rotary axis that has no influence on the direction.
@@ -173,7 +173,7 @@ impl Chain {
             let [low, high] = travel[index];
             found.q[index] = if free[index] { 0.0 } else { 0.0_f64.max(low).min(high) };
         }
-        // Twice: the second step removes the rounding error of the first.
+        // Two steps are made, because the second removes the rounding error of the first.
         for _ in 0..2 {
             let missing = tip_mm - self.ideal_tip_mm(&found);
             for (q, step) in
@@ -184,7 +184,7 @@ impl Chain {
         }
         let mut reaches = found.q.iter().zip(&travel.0);
         let is_beyond = reaches.any(|(q, [low, high])| q < low || q > high);
-        // Axes that rotary axes make parallel share the motion like axes of one direction.
+        // Linear axes that rotary axes have made parallel share the motion, as axes that are always parallel do.
         if redundant || (is_beyond && !self.dependent_moves(state).is_empty()) {
             self.share(tip_mm, &columns, travel, &mut free, &mut found);
         }

@@ -177,8 +177,8 @@ impl LinearColumns {
         kept < count.min(3) || volume.is_nan() || volume < NEAR_SINGULAR_BELOW
     }
 
-    /// The same selection with the columns of a nearby pose. The set of correcting axes must not change within a
-    /// correction.
+    /// The columns at a nearby pose, with the selection of `self`. The set of correcting axes must not change within
+    /// one correction.
     #[must_use]
     pub fn at(&self, columns: [Vector3<f64>; 3]) -> Self {
         Self { columns, kept: self.kept }
@@ -248,7 +248,7 @@ fn independent_of(columns: &[Vector3<f64>; 3], wanted: [bool; 3]) -> [bool; 3] {
     kept
 }
 
-/// The columns, where each one that is not kept is replaced by a unit vector normal to the others.
+/// Replaces each column that is not kept by a unit vector normal to the other columns.
 fn filled(columns: &[Vector3<f64>; 3], kept: [bool; 3]) -> [Vector3<f64>; 3] {
     match kept {
         [true, true, true] => *columns,

@@ -1,7 +1,7 @@
 //! Elementary functions that `core` lacks.
 //!
-//! Sine and cosine always come from the `libm` crate. In the `twist` form they are faster than the functions of the
-//! platform, and results are bit-identical with and without `std`.
+//! Sine and cosine always come from the `libm` crate. For the `twist` form of the error model it is faster than the
+//! functions of the platform. Results are bit-identical with and without `std`.
 
 #[cfg(feature = "std")]
 mod functions {

@@ -149,7 +149,7 @@ fn axis_of_half_turn(rotation: &Matrix3<f64>) -> Vector3<f64> {
     if axis.dot(&skew) < 0.0 { -axis } else { axis }
 }
 
-/// A twist: a rigid motion that is infinitesimal or scaled.
+/// A twist: an infinitesimal rigid motion, or the constant velocity of a screw motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Twist {
     /// Displacement of the point at the origin of the frame, mm.
@@ -210,7 +210,7 @@ impl Twist {
         }
     }
 
-    /// The Lie bracket `[self, other]`.
+    /// The Lie bracket `[self, other]`: linear part ω₁ × v₂ − ω₂ × v₁, angular part ω₁ × ω₂.
     #[must_use]
     pub fn bracket(&self, other: &Self) -> Self {
         Self {

@@ -6,7 +6,7 @@ use arrayvec::ArrayVec;
 
 use volcomp_vocabulary::{AxisKind, AxisName, MAX_AXES};
 
-/// Side of the bed on which an axis is in the chain.
+/// Side of the chain, as seen from the bed `b`, on which an axis is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Side {
