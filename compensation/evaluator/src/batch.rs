@@ -1,4 +1,5 @@
-//! Batches of scattered poses and tensor grids over the linear axes, with the widest vector instructions of the processor.
+//! Batches of scattered poses and tensor grids over the linear axes, with the widest vector instructions of the
+//! processor.
 
 use std::vec::Vec;
 
@@ -115,7 +116,7 @@ const BLOCK: usize = 4 * NODE;
 /// of functions of one coordinate and of products of tilt and travel, so each axis is evaluated at its own nodes only.
 #[derive(Clone, Debug)]
 pub struct LinearGrid {
-    /// For each grid axis in chain order from the workpiece: its nodes, mm.
+    /// Nodes of each grid axis, mm. The axes are in chain order from the workpiece.
     nodes_mm: Vec<Vec<f64>>,
     /// Contribution of each grid axis at each node with the other axes at 0: ΔP, ρ.
     adds: Vec<Vec<[f64; NODE]>>,
@@ -128,9 +129,10 @@ pub struct LinearGrid {
 }
 
 impl CompiledMachine {
-    /// A grid over linear axes, given in chain order with their nodes (mm). The other axes are as in `held`, whose
-    /// approach applies to all axes. `None` for a grid axis that is rotary, missing, repeated or out of order, for no
-    /// axis or more than three axes, for an axis without nodes, or for a machine with errors over two coordinates.
+    /// Builds a grid over linear axes, given in chain order with their nodes (mm). The other axes keep their
+    /// coordinates in `held`; the approaches in `held` apply to all axes. `None` for a grid axis that is rotary,
+    /// missing, repeated or out of order, for no axis or more than three axes, for an axis without nodes, or for a
+    /// machine with errors over two coordinates.
     pub fn linear_grid(&self, grid: &[(AxisName, Vec<f64>)], held: &State) -> Option<LinearGrid> {
         let place = |axis: AxisName| self.chain.structure().index_of(axis);
         let grid: Vec<(usize, &Vec<f64>)> =
@@ -184,8 +186,8 @@ impl CompiledMachine {
     }
 }
 
-/// Contributions of the innermost axis at all its nodes, and the coordinate of the node (mm) for each number; both padded with zeros to whole
-/// blocks.
+/// Contributions of the innermost axis at all its nodes, and the coordinate of the node (mm) for each number. Both are
+/// padded with zeros to whole blocks.
 fn row(adds: &[Vec<[f64; NODE]>], grid: &[(usize, &Vec<f64>)]) -> (Vec<f64>, Vec<f64>) {
     let (Some(adds), Some((_, nodes))) = (adds.last(), grid.last()) else {
         return (Vec::new(), Vec::new());
@@ -228,7 +230,8 @@ impl LinearGrid {
     /// Fills `errors` (six numbers per node) with the whole grid, on all cores.
     pub fn fill_parallel(&self, errors: &mut [f64]) {
         let numbers = self.row_len() * NODE;
-        // About half a megabyte at a time: large enough to pay for a task, small enough to be shared between cores.
+        // A task computes about half a megabyte: enough to outweigh its overhead, and little enough to spread the grid
+        // over all cores.
         let rows = (65_536 / numbers.max(1)).max(1);
         errors
             .par_chunks_mut(rows * numbers.max(1))
@@ -236,7 +239,7 @@ impl LinearGrid {
             .for_each(|(chunk, errors)| self.fill_rows(chunk * rows, errors));
     }
 
-    /// The terms that a row adds to its nodes: a constant, and a slope per mm of the row's coordinate.
+    /// The terms common to all nodes of a row: a constant, and a slope per mm of the coordinate of the innermost axis.
     #[inline(always)]
     fn row_terms(&self, row: usize) -> ([f64; NODE], Vector3<f64>) {
         let mut sum = self.base;

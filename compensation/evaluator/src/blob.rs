@@ -1,6 +1,7 @@
 //! Binary format of a compiled machine, which the gateway reads and which can be distributed.
 //!
-//! Layout: the signature `VOLCOMPM`, the version, the SHA-256 of the remaining bytes, the machine. Numbers are little-endian.
+//! Layout: the signature `VOLCOMPM`, the version, the SHA-256 of the remaining bytes, the machine. Numbers are
+//! little-endian.
 
 use alloc::{string::ToString, vec::Vec};
 

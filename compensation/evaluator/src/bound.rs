@@ -27,10 +27,10 @@ struct Slopes {
 }
 
 impl CompiledMachine {
-    /// A bound (mm) of the distance between the position error along the straight move of all axes from one state to
-    /// another and the straight line between the errors at its two ends. It holds everywhere on the move, for the
-    /// approach of `to`. On machines without rotary axes, the bound is 0 for an error that is linear along the move.
-    /// Otherwise it shrinks with the square of the length of the move, or with the length where a slope jumps.
+    /// Upper bound, mm, of the deviation of the position error from linear interpolation between its values at the two
+    /// ends of a move. All axes move linearly from `from` to `to`. The bound holds everywhere on the move, for the
+    /// approach of `to`. It is 0 on machines without rotary axes if the error is linear along the move. Otherwise it
+    /// shrinks with the square of the length of the move, or with the length where a slope jumps.
     pub fn chord_bound_mm(&self, from: &State, to: &State) -> f64 {
         let reach_mm = self.reach_mm();
         let (mut way, mut turned) = (Vector3::zeros(), 0.0);
@@ -65,8 +65,8 @@ impl CompiledMachine {
 
     /// Length of move for each axis (mm, rad, in chain order) over which [`chord_bound_mm`](Self::chord_bound_mm) stays
     /// within `tolerance_mm`, anywhere in the travels. If several axes move, the sum of their moves as fractions of
-    /// these lengths must be at most 1. At most 100 mm or 0.1 rad; infinite for an axis without effect on a machine
-    /// without rotary axes.
+    /// these lengths must be at most 1. A length is at most 100 mm or 0.1 rad. On a machine without rotary axes it is
+    /// infinite for an axis without effect.
     pub fn short_ways(&self, tolerance_mm: f64) -> PerAxis<f64> {
         let reach_mm = self.reach_mm();
         // The bound contains products of two moves. It becomes linear in the moves if one factor of each product is
@@ -109,7 +109,8 @@ impl CompiledMachine {
         })
     }
 
-    /// Maximum change of the position error per mm of linear motion, mm/mm: a bound over all travels and both directions of travel.
+    /// Maximum change of the position error per mm of linear motion, mm/mm: a bound over all travels and both
+    /// directions of travel.
     pub fn steepness(&self) -> f64 {
         let reach_mm = self.reach_mm();
         let (mut steepness, mut tilts) = (0.0, 0.0);
@@ -197,7 +198,7 @@ impl CompiledMachine {
     }
 }
 
-/// Extends the range of each component by the slopes of a piece between two coordinates.
+/// Extends the range [minimum, maximum] of slopes of each component by those of a piece between two coordinates.
 fn take(piece: &Piece, [low, high]: [f64; 2], range: &mut [[f64; 2]; LANES]) {
     let [c1, c2, c3] = [1, 2, 3].map(|power| piece.power(power));
     let [low, high] = [low, high].map(|x| x - piece.start());

@@ -1,4 +1,5 @@
-//! Builds a compiled machine from checked parts, or from the tables of a blob: curves become piecewise cubics within a tolerance.
+//! Builds a compiled machine from checked parts, or from the tables of a blob: curves become piecewise cubics within a
+//! tolerance.
 
 use alloc::{format, string::ToString, vec, vec::Vec};
 
@@ -51,8 +52,8 @@ impl CompiledMachine {
     /// Compiles a machine.
     ///
     /// # Errors
-    /// [`EvaluatorError::MissingAxis`]; [`EvaluatorError::Chain`] for a range or patch over an axis that the chain lacks; [`EvaluatorError::TooLarge`],
-    /// [`EvaluatorError::NotFinite`], [`EvaluatorError::Tolerance`].
+    /// [`EvaluatorError::MissingAxis`]; [`EvaluatorError::Chain`] for a range or patch over an axis that the chain
+    /// lacks; [`EvaluatorError::TooLarge`], [`EvaluatorError::NotFinite`], [`EvaluatorError::Tolerance`].
     pub fn new(parts: MachineParts<'_>, tolerance: Tolerance) -> Result<Self, EvaluatorError> {
         for found in [tolerance.linear_mm, tolerance.angular_rad] {
             if !(found > 0.0 && found.is_finite()) {
@@ -129,7 +130,7 @@ impl AxisTables {
         tables: &mut Tables,
     ) -> CompiledAxis {
         let heads: Vec<Head> = self.tables.iter().map(|pieces| tables.add(pieces)).collect();
-        // `tables` and a blob have one or three tables.
+        // The function `tables` and a blob supply one table or three.
         let (branches, heads) = match heads[..] {
             [forward, backward, mean] => (Branches::Three, [forward, backward, mean]),
             _ => (Branches::One, [heads[0]; 3]),
@@ -151,7 +152,8 @@ impl AxisTables {
     }
 }
 
-/// Tables of one axis: one, or one for each branch. Errors are transformed to the tool tip at machine zero, and constant errors are included.
+/// Tables of one axis: one for all directions, or one for each branch. Errors are transformed to the tool tip at
+/// machine zero. Constant errors are included.
 fn tables(
     frame: &Frame,
     index: usize,
@@ -353,7 +355,7 @@ impl Sampled {
         Self {
             from,
             length,
-            // The first and the last point are the ends, in descending order.
+            // The points descend, so the lower end is the last one.
             ends: [values[NODES - 1], values[0]],
             series,
         }
@@ -376,7 +378,7 @@ impl Sampled {
         })
     }
 
-    /// Powers of the cubic through the values at −1, −½, ½, 1 of the interval.
+    /// Coefficients of powers of the distance from the start, for the cubic through the values at −1, −½, ½ and 1.
     fn powers(&self, function: &dyn Fn(f64) -> [f64; LANES]) -> [[f64; LANES]; 4] {
         let mut powers = [[0.0; LANES]; 4];
         let h = self.length;
@@ -384,7 +386,7 @@ impl Sampled {
         let corners = [self.ends[0], inner[0], inner[1], self.ends[1]];
         for lane in 0..LANES {
             let [v0, v1, v2, v3] = corners.map(|corner| corner[lane]);
-            // Through the points at 0, ¼, ¾ and 1 of the length.
+            // The cubic passes through the values at 0, ¼, ¾ and 1 of the length.
             let c1 = (-19.0 * v0 + 24.0 * v1 - 8.0 * v2 + 3.0 * v3) / 3.0;
             let c2 = (32.0 * v0 - 56.0 * v1 + 40.0 * v2 - 16.0 * v3) / 3.0;
             let c3 = (-16.0 * v0 + 32.0 * v1 - 32.0 * v2 + 16.0 * v3) / 3.0;

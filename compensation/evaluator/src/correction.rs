@@ -33,13 +33,14 @@ impl CompiledMachine {
         self.evaluate_with(state, Baseline)
     }
 
-    /// The first-order correction by the axes of [`correctors`](Self::correctors): the rotary axes correct the tool direction with least
-    /// norm, then the linear axes correct the position.
+    /// The first-order correction by the axes of [`correctors`](Self::correctors): the rotary axes correct the tool
+    /// direction with least norm, then the linear axes correct the position.
     pub fn first_order(&self, state: &State) -> FirstOrder {
         self.first_order_of(state, &self.correctors)
     }
 
-    /// The first-order correction by the axes in `correctors`, for a controller that can write only some axes of the machine.
+    /// The first-order correction by the axes in `correctors`, for a controller that can write only some axes of the
+    /// machine.
     pub fn first_order_of(&self, state: &State, correctors: &Correctors) -> FirstOrder {
         #[cfg(feature = "std")]
         return one_correction(self, state, correctors);
@@ -155,16 +156,17 @@ struct Directions {
 pub struct CorrectionParts {
     /// Error without correction.
     pub error: Evaluation,
-    /// Linear shares that correct the position error without rotary motion, −L⁻¹·e_p: mm in chain order, zero for axes that do not correct.
+    /// Linear shares that correct the position error without rotary motion, −L⁻¹·e_p: mm in chain order, zero for axes
+    /// that do not correct.
     pub position: PerAxis<f64>,
     /// Rotary shares that correct the tool direction, rad in chain order, zero for all other axes.
     pub rotary: PerAxis<f64>,
     /// For each rotary axis, whether it corrects or not, the motion of the linear axes that keeps the tip in place: row
     /// r of −L⁻¹·P, mm per rad of the rotary axis at index r, in chain order. The rows of linear axes are zero.
     pub follow: PerAxis<PerAxis<f64>>,
-    /// See [`FirstOrder`].
+    /// See [`FirstOrder::tool_axis_partial`].
     pub tool_axis_partial: bool,
-    /// See [`FirstOrder`].
+    /// See [`FirstOrder::near_singular`].
     pub near_singular: bool,
     /// True if rotary axes have turned the directions of the correcting linear axes nearly parallel: linear shares may
     /// be more than ten times the position error, or one of the linear axes does not correct.
@@ -194,8 +196,8 @@ pub struct FirstOrder {
     pub error: Evaluation,
     /// Δq in chain order, mm and rad, to be added to the command.
     pub delta: PerAxis<f64>,
-    /// True if one or both components of the tool's tilt are corrected only in part or not at all, because the pose is within about 1° of a singular
-    /// one or fewer than two rotary axes may move.
+    /// True if one or both components of the tool's tilt are corrected only in part or not at all. The pose is then
+    /// within about 1° of a singular pose, or fewer than two rotary axes may move.
     pub tool_axis_partial: bool,
     /// True if at least two rotary axes may move, and the pose is singular or within about 6° of singular; see
     /// [`volcomp_kinematics::NEAR_SINGULAR_BELOW`].
@@ -223,8 +225,8 @@ impl CompiledMachine {
         Ok(())
     }
 
-    /// The correctors of a controller that can write only the axes in `written`: the axes of
-    /// `written` that may move. Does not allocate.
+    /// Selects correctors for a controller that can write only the axes in `written`: those of them that corrections
+    /// may move. Does not allocate.
     pub fn correctors_among(&self, written: &[AxisName]) -> Correctors {
         let mut names = self.may_move.clone();
         names.retain(|name| written.contains(name));
@@ -314,7 +316,7 @@ impl CompiledMachine {
     fn directions(&self, levers: &RotaryLevers, registers: impl Registers) -> Directions {
         let mut axes = [Vector3::zeros(); MAX_AXES];
         let mut arms_mm = axes;
-        // The axes of the current body in workpiece axes.
+        // Orientation of the body that the joints up to this one carry, in workpiece axes.
         let mut frame = Matrix3::identity();
         let joints = self.axes.iter().map(|axis| &axis.joint).zip(&levers.0);
         for (index, (joint, turned)) in joints.enumerate() {
@@ -342,8 +344,8 @@ impl CompiledMachine {
     }
 }
 
-/// Corrects the tool-axis error with the rotary axes: least norm on its two components normal to the tool axis. Returns the flags
-/// `tool_axis_partial` and `near_singular` of [`FirstOrder`].
+/// Corrects the tool-axis error with the rotary axes: least norm on its two components normal to the tool axis. Returns
+/// the flags `tool_axis_partial` and `near_singular` of [`FirstOrder`].
 #[inline(always)]
 fn correct_axis(
     correctors: &Correctors,
@@ -352,7 +354,7 @@ fn correct_axis(
     delta: &mut PerAxis<f64>,
 ) -> [bool; 2] {
     let [first, second] = normals(&directions.tool_axis);
-    // (v × t) · n = v · (t × n).
+    // A rotation v moves the tool axis t by v × t. Its component along n is (v × t) · n = v · (t × n).
     let seen = |v: &Vector3<f64>| Vector2::new(second.dot(v), -first.dot(v));
     let miss = seen(&Vector3::from(error.rotation_rad));
     let mut gram = RotaryGram::default();

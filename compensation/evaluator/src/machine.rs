@@ -145,7 +145,8 @@ impl CompiledMachine {
         self.tables.bytes()
     }
 
-    /// Bound of the absolute slope of one error motion at the axis's point, over the whole travel and all branches: mm or rad per mm or deg.
+    /// Bound of the absolute slope of one error motion at the axis's point, over the whole travel and all branches: mm
+    /// or rad per mm or deg.
     pub fn slope_bound(&self, axis: AxisName, component: Component) -> f64 {
         let axis = self.axes.iter().find(|a| a.joint.name == axis);
         axis.map_or(0.0, |axis| axis.slope_bound(component))
@@ -296,7 +297,7 @@ pub(crate) fn fold(
     Folded { tool_end, between, workpiece_end, constant, slide }
 }
 
-/// The same motion, with the displacement of the point at the end of `arm_mm`.
+/// Restates a motion at the point to which `arm_mm` leads from the point where it is stated.
 fn at_tip(motion: &ErrorMotion, arm_mm: &Vector3<f64>) -> ErrorMotion {
     ErrorMotion {
         linear_mm: motion.linear_mm + motion.angular_rad.cross(arm_mm),

@@ -36,7 +36,8 @@ impl Tolerance {
     }
 }
 
-/// The six error motions of an axis: mm and rad at a coordinate in mm or deg, for the direction of the last travel (`None`: unknown).
+/// The six error motions of an axis, mm and rad, at a coordinate in mm or deg. The second argument is the direction of
+/// the last travel; `None` is unknown.
 pub type RawCurve<'a> = dyn Fn(f64, Option<Direction>) -> ErrorMotion + 'a;
 
 /// Whether an axis has different errors in its two directions of travel.
@@ -120,8 +121,8 @@ impl<'a> AxisParts<'a> {
         self
     }
 
-    /// Coordinates (mm or deg) at which a derivative of a component may jump, in any order, in addition to the ends of travel. Breakpoints
-    /// outside the travel extend the compiled range.
+    /// Coordinates (mm or deg) at which a derivative of a component may jump, in any order, in addition to the ends of
+    /// travel. Breakpoints outside the travel extend the compiled range.
     #[must_use]
     pub fn breakpoints(
         mut self,
@@ -240,8 +241,9 @@ impl<'a> MachineParts<'a> {
     /// Adds one axis.
     ///
     /// # Errors
-    /// An axis that the chain does not have or that was already added, numbers that are not finite, a travel of the wrong kind or with its
-    /// ends reversed, an error over two coordinates with nodes that do not ascend or with a wrong number of values.
+    /// An axis that the chain does not have or that was already added, numbers that are not finite, a travel of the
+    /// wrong kind or with its ends reversed, an error over two coordinates with nodes that do not ascend or with a
+    /// wrong number of values.
     pub fn axis(mut self, axis: AxisName, parts: AxisParts<'a>) -> Result<Self, EvaluatorError> {
         let index = self.place(axis)?;
         parts.check(&self.chain, axis)?;

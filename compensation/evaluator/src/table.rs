@@ -13,11 +13,11 @@ use crate::{EvaluatorError, error::no_axis};
 pub(crate) const LANES: usize = 6;
 /// Number of lanes of a vector register to which the components are padded.
 pub(crate) const WIDE: usize = 8;
-/// Maximum number of pieces of a table, 1 MiB.
+/// Maximum number of pieces of a table, which then takes 1 MiB.
 pub(crate) const MAX_PIECES: usize = (1 << 20) / size_of::<Piece>();
 
-/// Cubics of all components over one interval: c0, c1, c2, c3, each a cache line with the components side by side. The two spare lanes of
-/// the first row hold the start and the end of the interval.
+/// Cubics of all components over one interval: c0, c1, c2, c3, each a cache line with the components side by side. The
+/// two spare lanes of the first row hold the start and the end of the interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[repr(C, align(64))]
 pub(crate) struct Piece {
@@ -36,7 +36,7 @@ impl Piece {
         Self { rows }
     }
 
-    /// A constant piece on one side of `x`.
+    /// A piece of zero length at `x`, constant up to infinity on one side.
     pub(crate) fn held(x: f64, value: [f64; LANES]) -> Self {
         let nothing = [0.0; LANES];
         Self::new(x, x, [value, nothing, nothing, nothing])
@@ -72,7 +72,8 @@ pub(crate) struct Head {
     pieces: u32,
 }
 
-/// All tables of a machine: pieces and the uniform indices over them. The first and the last piece of a table extend to infinity.
+/// All tables of a machine: pieces and the uniform indices over them. The first and the last piece of a table extend to
+/// infinity.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Tables {
     cells: Vec<Cell>,
@@ -85,7 +86,7 @@ pub(crate) trait Registers: Copy {
 
     fn sum(self, a: &[f64; WIDE], b: &[f64; WIDE]) -> [f64; WIDE];
 
-    /// `a`·`b` + `c`, fused if the processor does it fast.
+    /// `a`·`b` + `c`, as one fused multiply-add if the processor has this instruction.
     fn mul_add(self, a: f64, b: f64, c: f64) -> f64;
 }
 
@@ -290,8 +291,7 @@ struct Places {
 }
 
 impl CompiledPatch {
-    /// Creates the compiled form of a checked `patch`; `looked_at` are the chain indices of its
-    /// axes.
+    /// Creates the compiled form of a checked `patch`; `looked_at` are the chain indices of its axes.
     pub(crate) fn new(patch: Patch, looked_at: [usize; 2]) -> Self {
         Self { looked_at, places: patch.nodes.each_ref().map(|nodes| Places::new(nodes)), patch }
     }
@@ -409,7 +409,7 @@ const TO_INTEGER: f64 = 4_503_599_627_370_496.0;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Cell {
-    /// First breakpoint in the cell, from which on interval `first` + 1 applies; infinite without a breakpoint.
+    /// First breakpoint in the cell; infinite if there is none. Interval `first` ends here.
     split: f64,
     /// Interval at the start of the cell.
     pub(crate) first: u32,
@@ -421,7 +421,7 @@ pub(crate) struct Cell {
 pub(crate) struct Uniform {
     low: f64,
     cells_per_unit: f64,
-    /// Number of the last cell, counted from the first cell of this index.
+    /// Index of the last cell, counted from the first cell of this index structure.
     last: f64,
     /// [`TO_INTEGER`] plus the position of the first cell of this index in the shared list.
     to_cell: f64,

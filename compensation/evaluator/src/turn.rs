@@ -81,7 +81,7 @@ impl Turn {
     }
 }
 
-/// Rotates a vector of a plane from its first axis towards its second.
+/// Rotates the vector (u, v) in its plane. A positive angle rotates the first axis towards the second.
 #[inline(always)]
 fn in_plane(registers: impl Registers, sin: f64, cos: f64, u: f64, v: f64) -> (f64, f64) {
     (registers.mul_add(cos, u, -(sin * v)), registers.mul_add(sin, u, cos * v))
@@ -116,7 +116,7 @@ pub(crate) fn sin_cos<R: Registers>(registers: R, q_rad: f64) -> (f64, f64) {
     let c = fma(k, z, fma(k, z, c, -2.755_731_435_139_066_3e-7), 2.480_158_728_947_673e-5);
     let c = fma(k, z, fma(k, z, c, -1.388_888_888_887_411e-3), 4.166_666_666_666_66e-2);
     let (s, c) = (fma(k, r * z, s, r), fma(k, z * z, c, fma(k, z, -0.5, 1.0)));
-    // The last two bits count the quarter turns.
+    // The last two bits are the number of quarter turns modulo 4.
     let bits = shifted.to_bits();
     let (sin, cos) = if bits & 1 == 0 { (s, c) } else { (c, s) };
     let sign = |bit: u64| bit << 62 & 1 << 63;
