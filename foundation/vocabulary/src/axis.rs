@@ -1,6 +1,6 @@
 //! Axes: their letters by ISO 841, their two kinds, and their coordinates within a range.
 //!
-//! One value per axis is stored in machine order or in channel order.
+//! Values by axis are stored in machine order ([`PerAxis`]) or in channel order ([`PerChannel`]).
 
 use core::{
     fmt,
@@ -175,13 +175,13 @@ macro_rules! in_order {
                 Self(core::array::from_fn(value))
             }
 
-            /// Iterates over all values in order.
+            /// Iterates over all [`MAX_AXES`] values in order, including those beyond the last axis.
             #[inline]
             pub fn iter(&self) -> core::slice::Iter<'_, T> {
                 self.0.iter()
             }
 
-            /// Iterates mutably over all values in order.
+            /// Iterates mutably over all [`MAX_AXES`] values in order, including those beyond the last axis.
             #[inline]
             pub fn iter_mut(&mut self) -> core::slice::IterMut<'_, T> {
                 self.0.iter_mut()
@@ -198,7 +198,7 @@ macro_rules! in_order {
                 Self::from_fn(|_| values.next().unwrap_or_default())
             }
 
-            /// Applies a function to each value.
+            /// Applies a function to each of the [`MAX_AXES`] values, including those beyond the last axis.
             #[inline]
             pub fn map<U>(self, value: impl FnMut(T) -> U) -> $name<U> {
                 $name(self.0.map(value))

@@ -1,6 +1,6 @@
 //! Serde format of the vocabulary types, and its JSON Schemas.
 //!
-//! Axes, errors and directions are text.
+//! Axis letters, error names and directions are serialised as text.
 
 use core::{fmt, marker::PhantomData, str::FromStr};
 

@@ -26,13 +26,13 @@ macro_rules! unit {
             /// Symbol of the unit, for display.
             pub const SYMBOL: &'static str = $symbol;
 
-            /// Magnitude, without the sign.
+            /// Absolute value, in the same unit.
             #[must_use]
             pub fn abs(self) -> Self {
                 Self(self.0.abs())
             }
 
-            /// Whether the number is finite.
+            /// False for NaN and infinity.
             pub fn is_finite(self) -> bool {
                 self.0.is_finite()
             }
