@@ -66,7 +66,7 @@ impl Write for Connection {
 /// end of the response is the end of the stream.
 ///
 /// # Errors
-/// The stream fails before the first byte of the response, or later except by an end of TLS without closing alert.
+/// The stream fails. After the first byte of the response, the end of TLS without a closing alert is not an error.
 pub fn exchange(mut stream: impl Read + Write, request: &str) -> std::io::Result<String> {
     stream.write_all(request.as_bytes())?;
     let mut text = Vec::new();

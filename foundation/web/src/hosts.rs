@@ -1,8 +1,8 @@
 //! Decides which requests of a browser a program accepts.
 //!
-//! Only known host names are accepted, which prevents DNS rebinding, in which another site resolves its own name to the
-//! address of this program. Requests that another site sends through the browser without the knowledge of the user are
-//! detected by [`is_of_another_page`].
+//! Only known host names are accepted. This prevents DNS rebinding, an attack in which another site makes its own name
+//! resolve to the address of this program. [`is_of_another_page`] detects requests that another site sends through the
+//! browser without the knowledge of the user.
 
 use std::{net::IpAddr, time::Duration};
 
@@ -47,7 +47,7 @@ pub fn is_known(host: &str, known: &[String]) -> bool {
 
 fn without_port(host: &str) -> &str {
     match host.rsplit_once(':') {
-        // The colons of an address in brackets do not separate a port.
+        // An IPv6 address in brackets contains colons that do not separate a port.
         Some((name, port))
             if port.bytes().all(|b| b.is_ascii_digit())
                 && (!name.contains(':') || name.ends_with(']')) =>

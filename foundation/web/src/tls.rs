@@ -42,13 +42,11 @@ pub enum TlsError {
     /// A file exists already; existing files are never overwritten.
     #[error("{}: exists and is not replaced; name another folder, or move it away first", file.display())]
     There {
-        /// The existing file.
         file: PathBuf,
     },
     /// A file or folder cannot be written.
     #[error("{}: {source}", file.display())]
     Write {
-        /// The file or folder that cannot be written.
         file: PathBuf,
         source: std::io::Error,
     },
