@@ -12,8 +12,8 @@ use csv::{ReaderBuilder, StringRecord, Trim};
 
 use crate::error::{InputError, bounded, quoted};
 
-/// The separator is the most frequent of `,`, `;` and the tab in the header. A first line `sep=;`, as written by
-/// spreadsheets, has priority. Lines above the header that begin with `#` are skipped.
+/// CSV table in memory. The separator is the most frequent of `,`, `;` and the tab in the header. A first line `sep=;`,
+/// as written by spreadsheets, has priority. Lines above the header that begin with `#` are skipped.
 ///
 /// If the separator is not a comma, numbers may have a decimal comma. Then no number of the table may have a decimal
 /// point.
@@ -168,7 +168,7 @@ impl CsvTable {
         })
     }
 
-    /// Names of the columns that are not in `known`, for a note about ignored columns.
+    /// Names of the columns that are not in `known`, for a note that these columns are ignored.
     pub fn names_besides(&self, known: &[&str]) -> Vec<&str> {
         let is_known = |name: &str| known.iter().any(|known| known.eq_ignore_ascii_case(name));
         let names = self.names().map(|(_, name)| name);
@@ -326,7 +326,8 @@ impl<'t> CsvRow<'t> {
 }
 
 impl<'t> Cell<'t> {
-    /// Text of the cell without surrounding blanks. For a column of another, wider table it is empty.
+    /// Text of the cell without surrounding blanks. The text is empty if the column belongs to another table with more
+    /// columns.
     pub fn text(&self) -> &'t str {
         let record: &'t Record = self.row.record;
         record.cells.get(self.column.0).unwrap_or_default()
@@ -388,7 +389,7 @@ fn start_and_separator(text: &str) -> (usize, char) {
     match first.trim().strip_prefix("sep=") {
         Some(";") => (start + first.len(), ';'),
         Some(",") => (start + first.len(), ','),
-        // The separator may be a tab that was trimmed from the line.
+        // `trim` removes a tab after `sep=`.
         Some("" | "\t") => (start + first.len(), '\t'),
         _ => {
             let header = rest.lines().find(|line| !line.trim().is_empty());
@@ -426,7 +427,7 @@ fn separator_of(header: &str) -> char {
     most.filter(|(_, count)| *count > 0).map_or(',', |(separator, _)| separator)
 }
 
-/// Whether a record is a blank line.
+/// Whether a record comes from a blank line: it has at most one cell, and that cell is empty.
 fn is_blank(cells: &StringRecord) -> bool {
     cells.len() <= 1 && cells.get(0).is_none_or(str::is_empty)
 }
@@ -551,7 +552,7 @@ pub fn split_unit(head: &str) -> Option<(&str, &'static str)> {
     (!name.is_empty()).then_some((name, unit))
 }
 
-/// Unit with any of its names: `um` for `µm`, `deg` for `°`; `None` for an unknown unit.
+/// Name of the unit with this spelling, such as `um` for `µm` and `deg` for `°`; `None` for an unknown unit.
 pub fn unit_named(text: &str) -> Option<&'static str> {
     let small = text.to_lowercase();
     let is_it = |(_, names): &&(&str, &[&str])| names.contains(&small.as_str());

@@ -1,6 +1,6 @@
-//! Errors of input files, and what all readers need for them.
+//! Errors of input files.
 //!
-//! These are excerpts, probably meant words, and the bound of every number.
+//! Also excerpts of files for messages, suggestions for misspelt words, and the maximum magnitude of numbers.
 
 use core::ops::Range;
 
@@ -41,15 +41,16 @@ pub fn quoted(text: &str) -> String {
     format!("`{shown}{cut}`")
 }
 
-/// The known word that `found` is probably meant to be; `None` if no word is near enough. The edit distance of the two
-/// words must be that of a typing error, or the known word must be `found` with a suffix (`limit_um` for `limit`). Case
-/// is ignored.
+/// Suggests the known word for which `found` is probably a mistake; `None` if no word is similar. A word is similar if
+/// it is within the edit distance of a typing error, or if it is `found` with parts added between or after `_`
+/// (`limit_um` for `limit`). Case is ignored.
 pub fn nearest<'k>(found: &str, known: &[&'k str]) -> Option<&'k str> {
     near(found, known).first().copied()
 }
 
-/// Known words similar to `found`, best match first: words within the edit distance of a typing error, then words that have the parts of `found`
-/// between `_` and more of them, for omitted ones such as `limit` for `limit_um` or `slew_um_s` for `slew_um_per_s`. Case is ignored.
+/// Known words similar to `found`, best match first. Words within the edit distance of a typing error come first. Words
+/// of which `found` omits some parts between `_` follow, such as `limit_um` for `limit` or `slew_um_per_s` for
+/// `slew_um_s`. Case is ignored.
 pub(crate) fn near<'k>(found: &str, known: &[&'k str]) -> Vec<&'k str> {
     let small = found.to_lowercase();
     let found: Vec<char> = small.chars().collect();

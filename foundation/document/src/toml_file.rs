@@ -1,6 +1,6 @@
-//! TOML file as tables and values that record their location, with look-ups for all decoders.
+//! Parsed TOML file: tables and values that record their location, with functions that look up and check values.
 //!
-//! Also the kinds of file, and messages about syntax errors.
+//! Also distinguishes the kinds of file, and explains syntax errors.
 
 use core::{
     fmt::Display,
@@ -433,8 +433,8 @@ impl<'a> Section<'a> {
         Ok(self.optional(key, Value::truth)?.unwrap_or(default))
     }
 
-    /// The key must be one of the words. Returns the value that belongs to that word, or `default` if the key is
-    /// missing.
+    /// The value must be one of the words. Returns the second element of the pair with this word, or `default` if the
+    /// key is missing.
     ///
     /// # Errors
     /// The value of the key is not one of the words.
@@ -493,7 +493,7 @@ impl Value<'_> {
         Err(self.error(format!("found {found}, expected a number above 0")))
     }
 
-    /// The text must be one of the words. Returns the value that belongs to that word.
+    /// The text must be one of the words. Returns the second element of the pair with this word.
     ///
     /// # Errors
     /// The text is not one of the words. The message lists the words.
