@@ -73,9 +73,9 @@ pub struct Description {
     #[cfg_attr(feature = "serde", serde(default))]
     pub reads: Vec<AxisName>,
     pub heartbeat: Heartbeat,
-    /// Whether the control has a barrier. If `true`, corrections are sent in frames to the barrier
-    /// ([`Controller::post`]), which reports the applied correction. If `false`, corrections are written as plain
-    /// values ([`Controller::apply`]).
+    /// Whether the control has a barrier, a program that checks and limits corrections. If `true`, corrections are sent
+    /// in frames to the barrier ([`Controller::post`]), which reports the applied correction. If `false`, corrections
+    /// are written as plain values ([`Controller::apply`]).
     pub barrier: bool,
     /// Whether the applied correction can be read back, as values or in reports of the barrier.
     pub tells_applied: bool,
@@ -103,9 +103,9 @@ impl Description {
         self.shown_axes().any(|shown| shown == name)
     }
 
-    /// Checks the rules for every driver. There must be 1 to [`MAX_AXES`] axes including read-only axes, each once.
-    /// Every corrected axis must have a positive resolution in its own unit, and a largest correction of at least one
-    /// step. Drivers call this before they open a device.
+    /// Checks rules that hold for every driver. There must be 1 to [`MAX_AXES`] axes including read-only axes, each
+    /// once. Every corrected axis must have a positive resolution in its own unit, and a largest correction of at least
+    /// one step. Drivers call this before they open a device.
     ///
     /// # Errors
     /// The first violated rule.
@@ -262,8 +262,8 @@ impl<C: Controller + ?Sized> Controller for Box<C> {
     }
 }
 
-/// A program of a simulated control that determines the corrections of its axes, such as a barrier in the ladder of a
-/// real control. Values are whole counts of each axis, in channel order.
+/// Stands in for a program in a real control, such as a barrier in the ladder, and determines the corrections of the
+/// simulated axes. Values are whole counts of each axis, in channel order.
 pub trait ControlProgram: Send {
     /// Runs one scan and returns the report to publish. `mailboxes` has the words of each mailbox, copied before this
     /// call. `holds` is true during emergency stop or alarm, or while an axis is not referenced.

@@ -71,17 +71,11 @@ macro_rules! constructors {
 
 impl DeviceError {
     constructors! {
-        /// An error of kind [`Address`](Self::Address).
         address => Address,
-        /// An error of kind [`Option`](Self::Option).
         option => Option,
-        /// An error of kind [`Unsupported`](Self::Unsupported).
         unsupported => Unsupported,
-        /// An error of kind [`Open`](Self::Open).
         open => Open,
-        /// An error of kind [`NoAnswer`](Self::NoAnswer).
         no_answer => NoAnswer,
-        /// An error of kind [`Protocol`](Self::Protocol).
         protocol => Protocol,
     }
 
@@ -120,7 +114,7 @@ impl DeviceError {
         matches!(self, Self::Address(_) | Self::Option(_) | Self::Unsupported(_))
     }
 
-    /// Constructor of the error for an exchange that failed with this fault.
+    /// Selects the constructor for the kind of error that this fault is. Its arguments are device, found and expected.
     pub fn of_fault_kind(fault: Fault) -> fn(String, String, String) -> Self {
         match fault {
             Fault::NotConnected | Fault::Disconnected => Self::open,

@@ -12,7 +12,7 @@ pub struct InputLevels {
 }
 
 impl InputLevels {
-    /// Levels that are sampled now.
+    /// Creates levels with the present time as their sampling time.
     pub fn now(levels: u64) -> Self {
         Self { levels, taken: Instant::now() }
     }

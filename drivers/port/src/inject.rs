@@ -51,7 +51,7 @@ const LATE_WRITE_TIMEOUT: Duration = Duration::from_secs(1);
 /// Function that is called instead of waiting. Its argument is the duration of the wait.
 type Pause = Box<dyn FnMut(Duration) + Send>;
 
-/// Function that delivers a write to this kind of device.
+/// Function that delivers a write to this type of device before a deadline.
 type Deliver<D> = fn(&mut D, &Write, Instant) -> Result<(), Fault>;
 
 pub struct Faulty<D> {
@@ -79,7 +79,7 @@ pub struct Faulty<D> {
 struct PendingFaults {
     lie: Option<(Lie, u32)>,
     constant: u32,
-    /// Reading whose read-back or report the following readings repeat; `None` if they repeat none.
+    /// Reading whose read-back or report the following readings repeat; `None` while no such fault is active.
     constant_of: Option<Snapshot>,
     late_write: Option<u32>,
     double_write: Option<u32>,

@@ -29,7 +29,7 @@ const SHORTEST_CYCLE: Duration = Duration::from_micros(10);
 /// and rad.
 pub type Truth = Arc<dyn Fn(&PerChannel<f64>, &[f64]) -> PerChannel<f64> + Send + Sync>;
 
-/// The axes, program, sensors and true error of a simulated machine.
+/// Simulated machine before its start: axes, part program, sensors and true error.
 #[derive(Clone)]
 pub struct Machine {
     /// Axes of the machine in channel order.
@@ -122,7 +122,7 @@ impl Plant {
             controls,
             applied: PerChannel::ZERO,
             frozen_at: None,
-            // The machine does not move before its start.
+            // The first call adds the time since the start of the clock to the motion time.
             until: Duration::ZERO,
             moved: Duration::ZERO,
             control,
@@ -328,7 +328,7 @@ impl SimulatedController {
                 barrier: scan.is_some(),
                 tells_applied: true,
                 shown: ShownStates::ALL,
-                // No other process can access the simulated machine.
+                // Only this process can access the simulated machine, so another gateway cannot exist.
                 sees_other_gateways: true,
                 shortest_cycle: scan.unwrap_or(SHORTEST_CYCLE),
             },

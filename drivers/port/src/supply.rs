@@ -50,9 +50,9 @@ struct Shared {
     last_error: Mutex<Option<DeviceError>>,
 }
 
-/// A connection that is reopened automatically. The real-time thread uses an open connection, and gives it up when it
-/// fails. A helper thread connects, waits between attempts, and closes. The helper thread ends with the supply.
-/// Lock-free queues join the threads, so that the real-time thread never waits.
+/// A connection that is reopened automatically. The real-time thread uses the open connection, and hands it back when
+/// it fails. A helper thread closes failed connections, and opens new ones with a delay between attempts. It ends when
+/// the supply is dropped. Lock-free queues connect both threads, so that the real-time thread never waits.
 pub struct Supply<T> {
     current: Option<T>,
     kept: Option<T>,
@@ -120,7 +120,8 @@ impl<T: Send + 'static> Supply<T> {
     fn give_back(&mut self, dead: T) {
         match self.dead.push(dead) {
             Ok(()) => self.connector.unpark(),
-            // Unreachable, because there is only one connection at a time. Otherwise the next call would retry.
+            // Unreachable, because there is only one connection at a time. The connection is kept, and the next call
+            // retries.
             Err(PushError::Full(dead)) => self.kept = Some(dead),
         }
     }
@@ -182,7 +183,8 @@ impl<T, F: FnMut() -> Result<T, DeviceError>> Connector<T, F> {
                     self.note(None);
                     self.shared.opened.fetch_add(1, Ordering::Relaxed);
                     let born = Instant::now();
-                    // The queue has room for one connection, and the previous connection was taken from it.
+                    // The queue has room for one connection. It is empty, because the previous connection has been
+                    // taken from it.
                     if self.hand_over.push(connection).is_err() {
                         return;
                     }
