@@ -13,7 +13,7 @@ pub(crate) struct Scheme {
     pub(crate) name: &'static str,
     /// Form of the scheme's URLs, for error messages.
     pub(crate) form: &'static str,
-    /// Cargo feature of this crate that enables the driver.
+    /// Cargo feature of this crate that includes the driver in the build.
     pub(crate) feature: &'static str,
     pub(crate) keys: &'static str,
 }
@@ -182,7 +182,7 @@ impl Address {
 /// and a DNS alias are one device. `usual` is the default port.
 pub(crate) fn hosts(address: &Address, usual: u16) -> BTreeSet<String> {
     let (host, port) = (&*address.host, address.port.unwrap_or(usual));
-    // URLs have IPv6 addresses in brackets.
+    // URLs enclose IPv6 addresses in brackets.
     let host = host.trim_start_matches('[').trim_end_matches(']');
     let found: Vec<IpAddr> = match (host, port).to_socket_addrs() {
         Ok(found) => found.map(|address| address.ip()).collect(),

@@ -208,7 +208,7 @@ pub struct Inspected {
     /// The reports of the control's barrier.
     #[serde(skip)]
     pub reports: Vec<(Instant, Words)>,
-    /// Notes that are not errors.
+    /// Remarks for the user about the properties of the control. They do not prevent a correction.
     #[serde(skip)]
     pub notes: Vec<String>,
 }
@@ -237,8 +237,8 @@ pub struct PmcPlan {
     pub frame: Option<String>,
     /// The first byte of the report of the barrier; null without a barrier.
     pub report: Option<String>,
-    /// The byte that every correction increments, for monitoring by the ladder; null without a heartbeat, or with a barrier, which does the
-    /// monitoring.
+    /// The byte that every correction increments, for monitoring by the ladder; null without a heartbeat. It is also
+    /// null with a barrier, which does the monitoring.
     pub heartbeat: Option<String>,
     /// The byte with a bit for each referenced axis; null: not read, the axes are assumed to be referenced.
     pub referenced: Option<String>,

@@ -241,8 +241,8 @@ impl MapWords for volcomp_focas::MapWords {
     }
 }
 
-/// Error message about two of the three areas that share bytes; `None` if no areas overlap. [`MapPlaces::fits`] ensures
-/// that both buffers end within the addresses of the PMC.
+/// Names two of the areas mailbox, report and buffers that share bytes; `None` if no areas overlap. [`MapPlaces::fits`]
+/// ensures that both buffers end within the addresses of the PMC.
 fn overlap(places: &MapPlaces, sizes: [usize; 2]) -> Option<String> {
     let block = |what, first: PmcAddress, words: usize| {
         let end = usize::from(first.at) + 2 * words - 1;

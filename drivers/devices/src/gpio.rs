@@ -60,7 +60,7 @@ fn probe(address: &Address, at_most: Duration) -> Result<Probe, DeviceError> {
     let mut probe = Probe::of(&address.text);
     probe.inputs = (0..port.inputs()).map(|line| levels >> line & 1 == 1).collect();
     if port.inputs() == 15 {
-        // The levels are decoded as published words.
+        // 15 lines are the layout of [`PositionWord::PUBLISHED`], so the levels are decoded by it.
         let word = Wiring::published().position_word(levels);
         if let Some(word) = word {
             let position = PositionWord::PUBLISHED.decode(word).position;

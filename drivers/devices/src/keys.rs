@@ -124,8 +124,8 @@ pub fn has_axis(key: &str, kind: AxisKind, axes: &[AxisName], found: &mut Mistak
     }
 }
 
-/// Reports an error if exactly one of two keys is present. `stated` says which are present, and `why` is appended to
-/// the message.
+/// Reports an error if exactly one of two keys is present. `stated` is true for each key that is present, and `why` is
+/// appended to the message.
 pub fn both(found: &mut Mistakes<'_>, at: &str, keys: [&str; 2], stated: [bool; 2], why: &str) {
     let [one, other] = keys;
     if let [true, false] | [false, true] = stated {
@@ -392,7 +392,7 @@ enum CoherenceKey {
 
 #[cfg(any(feature = "gpio", feature = "modbus"))]
 impl Default for DigitalConfig {
-    /// The published words: a position of 15 bits of 1/32 mm, a correction of 8 bits.
+    /// The default word layout: a position of 15 bits of 1/32 mm, a correction of 8 bits.
     fn default() -> Self {
         Self {
             position_bits: 15,

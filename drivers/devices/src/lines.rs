@@ -26,8 +26,8 @@ pub(crate) const LINES: Driver = Driver {
     ..USUAL
 };
 
-/// First configuration for one axis on these lines. The size of a count is that of the published words, doubled until
-/// the word covers the travel of the axis.
+/// First configuration for one axis on these lines. The position step is that of the default words, 1/32 mm or 1/128
+/// deg, doubled until the word covers the travel of the axis.
 pub(crate) fn first(
     lines: Option<UnopenedLines>,
     code: &str,
@@ -161,7 +161,7 @@ fn latch(own: &ControllerConfig, rules: &Rules<'_>, found: &mut Mistakes<'_>) {
 
 impl ControllerConfig {
     /// Position and correction words of one axis on digital lines. For a rotary axis the step must be configured,
-    /// because the published words have none.
+    /// because the default step is a length.
     ///
     /// # Errors
     /// A missing key.

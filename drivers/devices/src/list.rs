@@ -1,4 +1,5 @@
-//! The interfaces of this computer to which machines can be connected: serial ports, CAN interfaces, GPIO chips and their lines.
+//! The interfaces of this computer to which machines can be connected: serial ports, CAN interfaces, GPIO chips and
+//! their lines.
 
 use std::{fs, path::Path};
 

@@ -101,10 +101,11 @@ pub struct ControlFacts {
     pub emergency_stop: bool,
     /// Whether the control reports an alarm.
     pub alarm: bool,
-    /// Whether the extended external machine zero point shift is in use (parameter 1203#0); `None` if the control does not report it.
-    pub shift_in_use: Option<bool>,
-    /// The first byte in R of the words of this shift, two bytes for each axis of the control (parameter 1280); `None` if the control does
+    /// Whether the extended external machine zero point shift is in use (parameter 1203#0); `None` if the control does
     /// not report it.
+    pub shift_in_use: Option<bool>,
+    /// The first byte in R of the words of this shift, two bytes for each axis of the control (parameter 1280); `None`
+    /// if the control does not report it.
     pub shift_words: Option<u32>,
     /// Why the control does not report these parameters; `None` if it does.
     pub shift_untold: Option<String>,
@@ -123,8 +124,8 @@ pub struct ModuleFacts {
     /// Parts of the profile that were never checked on a real module.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub unproven: Vec<String>,
-    /// Whether the module can report the levels of its outputs; `None`: it has no outputs. If it cannot, unused outputs are switched off
-    /// when a correction is written.
+    /// Whether the module can report the levels of its outputs; `None`: it has no outputs. If it cannot, unused outputs
+    /// are switched off when a correction is written.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub outputs_told: Option<bool>,
 }
