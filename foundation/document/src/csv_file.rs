@@ -468,7 +468,7 @@ fn records(text: &str, start: usize, separator: char) -> Result<Vec<Record>, (us
         let byte = |position: u64| start + usize::try_from(position).unwrap_or(usize::MAX - start);
         let from = byte(cells.position().map_or(0, csv::Position::byte));
         let to = byte(reader.position().byte());
-        // The reader may report the position of the blank lines before the record.
+        // The reported position may be that of blank lines before the record, so leading line ends are skipped.
         let record = bytes.get(from..to).unwrap_or_default();
         let is_break = |byte: &&u8| matches!(byte, b'\n' | b'\r');
         let from = from + record.iter().take_while(is_break).count();

@@ -42,11 +42,13 @@ pub enum TlsError {
     /// A file exists already; existing files are never overwritten.
     #[error("{}: exists and is not replaced; name another folder, or move it away first", file.display())]
     There {
+        /// Full path: the requested folder with `certificate.pem` or `key.pem`.
         file: PathBuf,
     },
     /// A file or folder cannot be written.
     #[error("{}: {source}", file.display())]
     Write {
+        /// The file or folder that cannot be written.
         file: PathBuf,
         source: std::io::Error,
     },
