@@ -45,8 +45,8 @@ pub enum ShiftSource {
 impl ShiftSource {
     /// Compares the reported shift source with a configuration. Returns remarks if both agree.
     ///
-    /// Errors: a parameter by which the control takes the shift from other words than configured; or, if a ladder
-    /// copies the configured words, source words that overlap them.
+    /// Errors: the parameters name other source words than the configuration; or, if a ladder copies the configured
+    /// words, the source words overlap them.
     pub(crate) fn check(
         &self,
         config: &FocasConfig,
@@ -124,9 +124,9 @@ impl ShiftSource {
 /// Parameters with the bits that determine the unit of reported positions.
 pub(crate) const UNIT_NUMBERS: [i32; 3] = [1001, 3104, 0];
 
-/// Checks by the reported values of `UNIT_NUMBERS` that positions are in mm. Returns remarks if they are.
+/// Checks that positions are in mm, by the reported values of `UNIT_NUMBERS`. Returns remarks if they are.
 ///
-/// Errors: a parameter by which positions are, or may become, in inches.
+/// Errors: a parameter means that positions are in inches, or become so when a program selects inches.
 pub(crate) fn check_units(reported: &[Result<u32, String>; 3]) -> Result<Vec<String>, FocasError> {
     let [inch_machine, in_unit_of_program, program] = reported;
     let is_set =

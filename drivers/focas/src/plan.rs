@@ -31,7 +31,7 @@ pub struct Abilities {
 }
 
 impl Abilities {
-    /// Abilities of most controls. They need the fewest exchanges.
+    /// Abilities of most controls. With them, a cycle takes the fewest exchanges.
     pub(crate) const ALL: Self = Self { packing: Packing::OneFrame, ranges: true, all_axes: true };
 }
 
@@ -244,7 +244,7 @@ pub(crate) fn writes(
 }
 
 fn write(config: &FocasConfig, parts: &[WriteItem]) -> Result<Exchange<WriteItem>, FrameError> {
-    // Placeholder that every cycle overwrites. No control has more than 32 axes.
+    // Placeholder data, which every cycle overwrites: four bytes for each axis. No control has more than 32 axes.
     let room = [0_u8; 4 * 32];
     let mut commands = Vec::new();
     for part in parts {
@@ -293,8 +293,8 @@ fn run_args(from: PmcAddress, width: Width, run: Run, written: usize) -> [i32; 5
     [first, last, from.area as i32, width.code(), written as i32]
 }
 
-/// First byte of the report. Without a barrier, where no report is requested, the first byte of the shift words as a
-/// placeholder.
+/// First byte of the report. Without a barrier no report is requested, and the first byte of the shift words is
+/// returned as a placeholder.
 fn report_area(config: &FocasConfig) -> PmcAddress {
     config.barrier.map_or(config.shift.first, |barrier| barrier.report)
 }

@@ -242,8 +242,8 @@ impl FormProbe<'_> {
         self.refusal(&[exchange], &item.words(self.config))
     }
 
-    /// Sends read requests. Returns `None` if the control answers all of them, or the error if it rejects one or
-    /// returns less data than requested. Fails on any other failure, such as a busy control.
+    /// Sends read requests. Returns `None` if the control answers all of them. If it rejects one or returns less data
+    /// than requested, returns this error. Any other failure, such as a busy control, is an `Err`.
     fn refusal(
         &mut self,
         exchanges: &[Exchange<ReadItem>],

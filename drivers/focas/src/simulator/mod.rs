@@ -31,7 +31,7 @@ pub struct Options {
     pub version: u16,
     /// Number of slots in responses about all axes: 8 or 32.
     pub slots: usize,
-    /// Whether the slots behind the last axis contain garbage.
+    /// Whether the slots after the last axis contain garbage.
     pub garbage: bool,
     /// Whether a command may address only one point of PMC memory. Ranges are then rejected with EW_NUMBER.
     pub one_point: bool,
@@ -169,7 +169,8 @@ impl Drop for Simulator {
     }
 }
 
-/// Runs the scans of the control at its scan period. Up to five delayed scans are made up for.
+/// Runs the scans of the control at its scan period. If the thread is late by up to five scans, it catches up;
+/// otherwise the missed scans are skipped.
 fn scan(shared: &Shared) {
     const MOST_BEHIND: u32 = 5;
     let mut due = Instant::now();

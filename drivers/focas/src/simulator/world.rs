@@ -81,8 +81,8 @@ pub struct World {
     lines: Option<(bool, usize, i16)>,
     memory: Vec<Vec<u8>>,
     pending: Vec<(Instant, PmcArea, usize, Vec<u8>)>,
-    /// Number of bytes of the next longer write that arrive at once, while the rest arrives later; `None` if writes
-    /// arrive whole.
+    /// Number of bytes of the next write that arrive at once, if the write is longer. The rest arrives two scans later.
+    /// `None` if writes arrive whole.
     tear: Option<usize>,
     frozen: Option<Vec<f64>>,
     /// Whether positions of linear axes are reported in inches.
