@@ -55,8 +55,8 @@ impl SignalTable {
     ///
     /// # Errors
     /// Text that is not a DBC file, a signal outside its message, an invalid frame length, or a unit that is missing or
-    /// does not match the quantity of the signal. Two signals of one name, if it is that of a position, a correction, a
-    /// temperature or a state: either could be meant. Valid units: mm or um for positions and corrections of linear axes;
+    /// does not match the quantity of the signal. Two positions, corrections, temperatures or states with the same
+    /// signal name, because either could be meant. Valid units: mm or um for positions and corrections of linear axes;
     /// deg, rad or urad for rotary axes; degC for temperatures; none or `bool` for the states of the control.
     pub fn parse_file(file: &str, text: &str) -> Result<Self, DbcError> {
         let dbc = Dbc::try_from(text)

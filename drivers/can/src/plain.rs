@@ -57,8 +57,8 @@ impl PlainCorrections {
         Ok((plain, counts))
     }
 
-    /// [`Heartbeat::Watched`] if every message has a counter, because by the counter the control can detect that
-    /// sending has stopped.
+    /// [`Heartbeat::Watched`] if every message has a counter, because the control can detect a stopped sender by the
+    /// counter.
     pub(crate) fn heartbeat(&self) -> Heartbeat {
         let counted = |(message, frame): &(Message, Frame)| message.counter(frame.data()).is_some();
         if self.sent.iter().all(counted) { Heartbeat::Watched } else { Heartbeat::Unwatched }

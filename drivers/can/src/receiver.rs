@@ -27,7 +27,7 @@ pub struct Health {
     pub bus_off: bool,
 }
 
-/// The counter of a message has 16 steps. A counter that is at least this many steps ahead counts as behind: the frame
+/// Counters are compared modulo 16. A counter that is at least this many steps ahead counts as behind: the frame
 /// arrived out of order or twice.
 const MIN_STEPS_BEHIND: u64 = 8;
 /// Maximum delay of a frame that arrives out of order. A frame after a longer silence always counts as new, because the

@@ -179,7 +179,7 @@ impl Signal {
         }
     }
 
-    /// Raw bits of the lowest and the highest number.
+    /// Raw bits of the lowest and the highest number that the signal can represent.
     pub(crate) fn raw_ends(&self) -> [u64; 2] {
         let all = u64::MAX >> (64 - self.bits);
         if self.signed { [all / 2 + 1, all / 2] } else { [0, all] }

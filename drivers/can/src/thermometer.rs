@@ -17,9 +17,10 @@ pub fn temperature_names(table: &SignalTable, device: &str) -> Result<Vec<String
     Ok(CanThermometer::new(bus, table, &[])?.names)
 }
 
-/// Temperatures in plain frames: signals that end in `_TEMP`, named in lower case without this suffix. The lowest raw number encodes a
-/// shorted sensor, the highest a broken one. Reading processes the received frames and does not block. A temperature that is no longer received keeps
-/// its value and time; while the interface is down, all are bad.
+/// Temperatures in plain frames: signals that end in `_TEMP`, named in lower case without this suffix. The lowest raw
+/// number encodes a shorted sensor, the highest a broken one. Reading processes the received frames and does not block.
+/// A temperature that is no longer received keeps its value and time. While the interface is down, all temperatures are
+/// bad.
 pub struct CanThermometer<P> {
     receiver: Receiver<P>,
     names: Vec<String>,

@@ -15,9 +15,10 @@ pub struct CanopenDigital<P> {
     inputs: u32,
     outputs: u32,
     levels: Option<InputLevels>,
-    /// Output levels in the last frame that the bus accepted; `None` before the first, and if the node has not run continuously since.
+    /// Output levels in the last frame that the bus accepted. `None` before the first frame, or if the node has not run
+    /// continuously since the last frame.
     sent: Option<u64>,
-    /// Whether `sent` was lost, which no failed write has reported yet.
+    /// True if `sent` was lost and no failed write has reported the loss yet.
     has_lost_outputs: bool,
 }
 
@@ -76,7 +77,7 @@ impl<P: CanPort> DigitalIo for CanopenDigital<P> {
     fn read(&mut self, _deadline: Instant) -> Result<InputLevels, Fault> {
         let (own, inputs, levels) = (self.node, self.inputs, &mut self.levels);
         self.nodes.listen(&mut self.port, |node, number, frame, taken| {
-            // A frame without some of the lines is not taken: they would be read as off.
+            // A frame that does not contain all lines is ignored, because the missing lines would be read as off.
             if (node, number) == (own, 1) && 8 * frame.data().len() >= inputs as usize {
                 let mut bytes = [0; 8];
                 for (byte, received) in bytes.iter_mut().zip(frame.data()) {
@@ -98,7 +99,8 @@ impl<P: CanPort> DigitalIo for CanopenDigital<P> {
         }
     }
 
-    /// Sends the levels. The first write after the node has lost its outputs fails, so that the caller does not continue from the lost levels.
+    /// Sends the levels. If the node has lost its outputs, the next write fails, so that the caller does not continue
+    /// from the lost levels.
     fn write(&mut self, levels: u64, deadline: Instant) -> Result<(), Fault> {
         let has_lost_outputs = std::mem::take(&mut self.has_lost_outputs);
         if self.nodes.failure(self.node).is_some() {
@@ -117,7 +119,8 @@ impl<P: CanPort> DigitalIo for CanopenDigital<P> {
         Ok(())
     }
 
-    /// Levels that the bus accepted; nodes do not acknowledge process data. `None` once the node has not run since.
+    /// Levels that the bus accepted; nodes do not acknowledge process data. `None` if the node has not run continuously
+    /// since.
     fn confirmed(&self) -> Option<u64> {
         self.sent
     }

@@ -29,7 +29,8 @@ pub(super) struct Nodes {
 }
 
 impl Nodes {
-    /// Monitors these nodes; `silent_after` is the maximum age of their heartbeat. The port is asked for their telegrams.
+    /// Monitors these nodes; `silent_after` is the maximum age of their heartbeat. Sets the filter of the port to the
+    /// telegrams of these nodes.
     pub(super) fn new(
         port: &mut impl CanPort,
         nodes: impl Iterator<Item = u8>,
@@ -114,7 +115,8 @@ impl Nodes {
         nmt(NmtCommand::Start, *node)
     }
 
-    /// Whether a node reported a state other than operational since the last call, even if it runs again: it may have rebooted.
+    /// Whether a node has reported a state other than operational since the last call. Even if it runs again now, it
+    /// may have rebooted.
     pub(super) fn take_interruption(&mut self, node: u8) -> bool {
         let monitored = self.monitored.get_mut(&node);
         monitored.is_some_and(|monitored| std::mem::take(&mut monitored.was_interrupted))

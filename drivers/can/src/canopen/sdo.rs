@@ -73,7 +73,7 @@ impl<P: CanPort> SdoClient<P> {
             | SdoAnswer::Written { object }
             | SdoAnswer::Aborted { object, .. }
             | SdoAnswer::Segmented { object }) = answer;
-            // The frame answers an earlier request.
+            // A response to an earlier request is ignored.
             if from != node || object != object_id {
                 continue;
             }
