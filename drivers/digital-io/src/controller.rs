@@ -1,6 +1,6 @@
 //! The controller of a control with digital lines.
 //!
-//! The positions of its axes are tracked; its outputs carry the corrections.
+//! It tracks the positions of the axes, and puts the corrections on its output lines.
 
 use std::time::{Duration, Instant};
 
@@ -87,7 +87,7 @@ impl<D: DigitalIo> DigitalController<D> {
             tells_applied: false,
             shown: ShownStates::NONE,
             sees_other_gateways: false,
-            // For each axis: the readings and one write.
+            // A cycle has the readings of a position and one write.
             shortest_cycle: io.shortest_cycle() * (readings + 1),
             device: device.clone(),
         };
@@ -304,8 +304,9 @@ impl DigitalAxis {
     }
 }
 
-/// Time limit for toggling the latch, as a multiple of the time limit of one write: one limit until a write has failed,
-/// and two limits for one cycle, which is shorter.
+/// Time within which the latch may toggle after a new word, as a multiple of the time until the deadline of the word's
+/// write. The write takes at most one such time until it fails. The other two are longer than one cycle, so that the
+/// next call can still toggle the latch.
 const LATCHED_WITHIN: u32 = 3;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -349,17 +350,17 @@ impl Outputs {
         &self.taken
     }
 
-    /// Correction on the lines now; it is known before the first write, too. NaN for a word that encodes none, so that
-    /// the guard writes nothing over it. `None` if the device does not report its output levels, or if there are several
-    /// axes.
+    /// Correction on the lines now, also before the first write. NaN if the word on the lines encodes no correction;
+    /// the guard then does not overwrite it. `None` if the device does not report its output levels, or if there are
+    /// several axes.
     fn carried(&self) -> Option<PerChannel<f64>> {
         self.carried.filter(|_| self.is_reported)
     }
 
-    /// Writes the word of an axis. With a latch, a correction takes two writes: the word, then, once that is confirmed,
-    /// the latch alone. While the level of the latch is unknown nothing is written, because the latch could toggle
-    /// together with the word. While the levels of unused outputs are unknown nothing is written, unless the device
-    /// cannot report them. Errors: see [`DigitalIo::write`].
+    /// Writes the word of an axis. With a latch, a correction takes two writes: first the word, and after its
+    /// confirmation the latch alone. While the level of the latch is unknown nothing is written, because the latch
+    /// could toggle together with the word. While the levels of unused outputs are unknown nothing is written, unless
+    /// the device cannot report them. Errors: see [`DigitalIo::write`].
     fn write(
         &mut self,
         io: &mut impl DigitalIo,
@@ -409,8 +410,8 @@ impl Outputs {
         if bit == 0 {
             return (word | others, Latching::Taken);
         }
-        // No other word is sent before this word is confirmed. Otherwise a reading of an earlier equal word would
-        // confirm it while the other word is still in transit.
+        // The unconfirmed word is sent again. If another word B were sent instead, an older reading that equals B could
+        // confirm B while the unconfirmed word is still in transit.
         if let Latching::Settling(levels) = self.latching
             && now <= self.latched_by
             && confirmed != levels

@@ -268,7 +268,7 @@ impl Unwrapper {
         let about = ((known - word.zero.mm_or_rad()) / word.step.mm_or_rad())
             .round()
             .clamp(-FARTHEST, FARTHEST) as i64;
-        // Of all counts with these low bits, take the one nearest to the known position.
+        // The position is the count nearest to the known position, among all counts with these low bits.
         let ahead = (i64::from(last) - about).rem_euclid(range);
         let ahead = if ahead * 2 > range { ahead - range } else { ahead };
         Self { word, count: about + ahead, last }
