@@ -290,7 +290,8 @@ impl Collection {
             }
             Some(_) => Ok(batch),
             None => {
-                // After a failed or ended message stream the next call subscribes again.
+                // The stream is kept only after a batch with messages. After an empty batch, which means a failed or
+                // ended stream, the next call subscribes again.
                 if !batch.messages.is_empty() {
                     self.messages = Some(messages);
                 }

@@ -44,8 +44,8 @@ pub fn program() -> Option<PathBuf> {
     folders.chain([PathBuf::from(DEBIAN_PATH)]).find(|file| file.is_file())
 }
 
-/// Replaces a configuration file. Only the owner can read the file, because it may contain a cluster password. A file
-/// that belongs to another user, as whom the server runs, keeps its owner.
+/// Replaces a configuration file. Only the owner can read the file, because it may contain a cluster password. If the
+/// file belongs to another user, such as the user of the server, it keeps its owner.
 ///
 /// # Errors
 /// The file cannot be written.

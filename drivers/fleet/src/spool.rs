@@ -127,8 +127,8 @@ impl Spool {
     }
 }
 
-/// A file on disk. Its name contains a number, by which files are ordered, and the number of its messages. The latter
-/// counts the messages that are lost with a damaged file.
+/// A file on disk. Its name contains a number, by which files are ordered, and the number of its messages. From the
+/// latter, the messages lost with a damaged file are counted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Stored {
     number: u64,
