@@ -55,7 +55,7 @@ pub enum DatagramError {
     },
     #[error("found the kind {found} of content, expected 0 (request for states) or 1 (a frame)")]
     Kind {
-        /// The rejected number of the kind.
+        /// Unknown code of the kind of content.
         found: u16,
     },
 }

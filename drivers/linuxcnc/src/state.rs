@@ -18,7 +18,7 @@ const BYTES_PER_AXIS: usize = 32;
 /// Maximum size of a state, bytes.
 pub const STATE_BYTES: usize = HEADER_BYTES + MAX_AXES * BYTES_PER_AXIS + 2 * MOST_WORDS + MAC;
 
-/// Operating state of the control: the sum of those constants of this type that apply.
+/// Operating state of the control, as a bit mask of the constants of this type.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Flags(pub u16);
 

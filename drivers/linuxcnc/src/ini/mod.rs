@@ -263,7 +263,7 @@ impl Ini {
         }
     }
 
-    /// Checks that no joint of a corrected axis can stand beyond the soft limits of its axis.
+    /// Checks that the soft limits of each joint are within the soft limits of its axis, for corrected axes.
     fn joint_limits(&self, expected: &Expected<'_>, problems: &mut Vec<Problem>) {
         let kinematics = self.get("KINS", "KINEMATICS").unwrap_or_default();
         let mut words = kinematics.split_whitespace();

@@ -169,7 +169,8 @@ pub enum Problem {
         joint: String,
         found: String,
     },
-    /// A soft limit of a joint lies beyond that of its axis: an axis that was jogged there in joint mode moves back in one cycle.
+    /// A soft limit of a joint lies beyond that of its axis. After a jog beyond the axis limit in joint mode, LinuxCNC
+    /// would move the axis back within one cycle.
     #[error(
         "[JOINT_{joint}]{key}: found {found}, expected at {} {limit}, [AXIS_{axis}]{key}: where a joint stands beyond it, LinuxCNC takes an axis with an offset back in one cycle",
         if *key == "MIN_LIMIT" { "least" } else { "most" }
