@@ -159,7 +159,7 @@ impl RequestError {
 /// Maximum duration of draining a serial line that is never silent, as a multiple of the response timeout.
 const MAX_DRAINS: u32 = 10;
 
-/// What the response to a request must contain, which the protocol's decoder does not check.
+/// Required content of the response to a request. The decoder of the protocol does not check it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Expected {
     /// This number of coils or inputs, in whole bytes.
@@ -240,8 +240,8 @@ impl Line {
         match timeout(at_most, self.context.call(request)).await {
             Ok(Ok(Ok(response))) if expected.is_met_by(&response) => Ok(response),
             Ok(Ok(Err(exception))) => Err(RequestError::Refused(exception.into())),
-            // A timeout, the answer to another request, or on a serial line a corrupted frame, or on TCP a lost
-            // connection: the right answer may still come.
+            // The expected answer may still arrive after a timeout or an answer to another request, and after a
+            // corrupted frame on a serial line. A lost TCP connection also ends here.
             Ok(Ok(Ok(_)) | Err(_)) | Err(_) => {
                 let echoed = (self.serial.as_ref()).is_some_and(|serial| serial.port().echoed);
                 self.drain(at_most).await?;

@@ -22,8 +22,8 @@ use crate::{
 /// be wrong.
 const REQUIRED_EQUAL_ANSWERS: u32 = 3;
 
-/// Maximum number of consecutive read-backs of the outputs that may time out or break the connection before one has succeeded. Further ones are
-/// skipped: over this connection or, if it broke, over the next one.
+/// Maximum number of consecutive read-backs of the outputs that time out or break the connection before one has
+/// succeeded. Further read-backs are skipped over this connection or, if it broke, over the next one.
 const MAX_READ_BACKS: u8 = 3;
 
 /// Exception codes of a module that cannot read back any outputs, or not these outputs.
@@ -66,9 +66,9 @@ pub(crate) struct Exchanger {
     pub(crate) stop: Arc<AtomicBool>,
     pub(crate) image: Image,
     pub(crate) failed_read_backs: u8,
-    /// Whether the outputs are not read back over this connection.
+    /// Whether read-backs of the outputs are skipped over this connection.
     pub(crate) skips_read_back: bool,
-    /// Whether a read-back has succeeded, so that the modules are able to.
+    /// Whether a read-back has succeeded, which proves that the modules support it.
     pub(crate) has_read_back: bool,
 }
 
