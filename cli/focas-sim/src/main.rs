@@ -143,7 +143,7 @@ fn measurement(
     }))
 }
 
-/// Starts a thread that measures on every request. An error ends the program.
+/// Starts a thread that runs one measurement for each request. An error ends the program.
 fn measure(
     measurement: Measurement,
     simulator: &Arc<Simulator>,
@@ -250,7 +250,8 @@ fn report(
     }
 }
 
-/// The requested motion. For a measurement also the walk through the program, which the motion follows.
+/// Motion of the machine by the arguments. For a measurement, also the [`Walk`] that determines this motion; otherwise
+/// `None`.
 pub(crate) fn motion(
     arguments: &Arguments,
     axes: &[AxisName],

@@ -139,7 +139,7 @@ struct Leg {
 }
 
 impl Walk {
-    /// Creates a machine at rest at the end of the first move.
+    /// Creates the progress of a machine that is at rest at the end of the first move.
     pub(crate) fn new(program: Program, acceleration: f64) -> Self {
         let dwells = program.moves.iter().map(|step| step.dwell).collect();
         let passing = |step: Move| Move { dwell: Duration::ZERO, ..step };

@@ -307,7 +307,7 @@ fn write(
 mod tests {
     use super::*;
 
-    /// Five axes far from zero, with and without a truth.
+    /// Six axes far from zero, with and without a known tool error.
     #[test]
     fn lines_fit_into_eighty_columns() {
         let all = |names: [AxisName; 3], value: f64| names.map(|name| (name, value)).into();
