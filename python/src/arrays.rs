@@ -8,7 +8,8 @@ use pyo3::{exceptions::PyTypeError, prelude::*, types::PyTuple};
 
 use crate::failure::Failure;
 
-/// The argument as an aligned array of float64: itself if it is one, else a copy, converted from any type of real numbers.
+/// Converts the argument to an aligned array of float64. Such an array is not copied. Other arrays of real numbers are
+/// converted to a copy.
 pub(crate) fn float_array<'py>(
     value: &Bound<'py, PyAny>,
     argument: &str,
@@ -32,12 +33,12 @@ pub(crate) fn float_array<'py>(
         let message = format!("{argument}: found dtype {dtype}, expected real numbers (float64)");
         return Err(PyTypeError::new_err(message).into());
     }
-    // A field of packed records is not aligned: such an array is copied, too.
+    // A field of packed records is not aligned, so it is copied as well.
     let array = py.import("numpy")?.call_method1("require", (array, "float64", "A"))?;
     array.cast_into::<PyArrayDyn<f64>>().map_err(|error| Failure::Raised(error.into()))
 }
 
-/// The argument as one column of numbers.
+/// Converts the argument to an array of shape (n,); any other shape is an error.
 pub(crate) fn column<'py>(
     value: &Bound<'py, PyAny>,
     argument: &str,
@@ -61,7 +62,7 @@ pub(crate) fn readonly<'py>(
     })
 }
 
-/// The column as a list of finite numbers.
+/// Converts the argument, an array of shape (n,), to a list of finite numbers.
 pub(crate) fn finite_column(value: &Bound<'_, PyAny>, argument: &str) -> Result<Vec<f64>, Failure> {
     let array = column(value, argument)?;
     let values: Vec<f64> = array.as_array().iter().copied().collect();

@@ -29,9 +29,10 @@ impl<'a> Ranges<'a> {
         Self { machine, errors }
     }
 
-    /// For each position a bit mask of the errors and axes outside their range; `None` if everything is within range.
+    /// Returns a bit mask for each position, with the errors and axes that are outside their range; `None` if
+    /// everything is within range.
     pub(crate) fn flags(&self, piece: &Piece) -> Option<Vec<u64>> {
-        // Ranges are boxes of coordinates: a box that contains both corners of the positions contains all of them.
+        // Ranges are boxes of coordinates. A range that contains both corners therefore contains all positions.
         if self.corners(piece).iter().all(|corner| self.at(corner) == 0) {
             return None;
         }
@@ -39,8 +40,8 @@ impl<'a> Ranges<'a> {
         Some(piece.states().map(at).collect())
     }
 
-    /// Lowest and highest coordinate of every axis. An axis with a modulo may be anywhere in its travel; if the travel is shorter than the modulo, it
-    /// may also be outside. Its corners are then NaN, which no range contains.
+    /// Lowest and highest coordinate of every axis. An axis with a modulo may be anywhere in its travel. If the travel
+    /// is shorter than the modulo, the axis may also be outside. Its corners are then NaN, which no range contains.
     fn corners(&self, piece: &Piece) -> [PerAxis<f64>; 2] {
         let mut corners = piece.ends().map(|end| self.machine.curve_coordinates(&end));
         for (index, axis) in self.machine.axes().iter().enumerate() {
@@ -57,7 +58,8 @@ impl<'a> Ranges<'a> {
         corners
     }
 
-    /// Bit mask of the errors and axes outside their range at `coordinates` (mm, deg; within the travel for an axis with a modulo).
+    /// Bit mask of the errors and axes outside their range at `coordinates` (mm, deg; within the travel for an axis
+    /// with a modulo).
     fn at(&self, coordinates: &PerAxis<f64>) -> u64 {
         let mut bits = 0;
         for (bit, (_, own, curve)) in self.errors.iter().enumerate() {
@@ -70,7 +72,8 @@ impl<'a> Ranges<'a> {
         bits
     }
 
-    /// Adds `outside_range` and `outside_travel`: the names concerned, each with a truth value for every position.
+    /// Adds `outside_range` and `outside_travel`. Each maps the names of errors or axes that are outside at some
+    /// position to one truth value per position.
     pub(crate) fn add_to(
         &self,
         result: &Bound<'_, PyDict>,

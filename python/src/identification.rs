@@ -1,4 +1,4 @@
-//! `calibrate` and `identify`: measurement files to a machine.
+//! `calibrate` and `identify`, which compute a machine from measurement files.
 
 use std::path::PathBuf;
 

@@ -261,7 +261,7 @@ impl Machine {
 }
 
 impl Machine {
-    /// The errors at all positions, in arrays of this shape.
+    /// Computes the errors at all positions. `shape` is the shape of each of the two returned error arrays.
     fn errors_at<'py>(
         &self,
         py: Python<'py>,
@@ -318,7 +318,8 @@ impl Machine {
         }
     }
 
-    /// The axes that a correction may move.
+    /// Options of a correction: `correct` if given, otherwise those of the machine file. An unknown or repeated axis is
+    /// an error.
     fn options(&self, correct: Option<&Bound<'_, PyAny>>) -> Result<CorrectionOptions, Failure> {
         let mut options = self.machine.correction_options();
         let Some(correct) = correct else {
@@ -409,7 +410,8 @@ impl Machine {
     }
 }
 
-/// Evaluates all positions piece by piece; `evaluate` fills in ΔP (mm) and ρ (rad) of each position of a piece. Returns the flags of each piece.
+/// Evaluates all positions piece by piece; `evaluate` fills in ΔP (mm) and ρ (rad) of each position of a piece. Returns
+/// the flags of each piece.
 fn fill_by(
     positions: &Positions<'_>,
     ranges: &Ranges<'_>,

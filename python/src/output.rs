@@ -1,4 +1,4 @@
-//! Files that appear by rename once everything is written.
+//! Writes files atomically: into a temporary file that is renamed when it is complete.
 
 use std::{
     io::{self, BufWriter, Write},
@@ -9,7 +9,7 @@ use tempfile::NamedTempFile;
 
 use crate::failure::Failure;
 
-/// Writes a file; if `write` fails, the path is as it was before.
+/// Writes a file. If `write` fails, an existing file stays unchanged, and a new file is not created.
 pub(crate) fn write_file<R>(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<NamedTempFile>) -> Result<R, Failure>,

@@ -43,7 +43,8 @@ pub(crate) struct PositionArguments<'py> {
 }
 
 impl<'py> PositionArguments<'py> {
-    /// `positions` is a mapping from axis names to coordinates, or an array of shape (n, number of axes) whose columns `axes` names.
+    /// `positions` is a mapping from axis names to coordinates, or an array of shape (n, number of axes) whose columns
+    /// `axes` names.
     pub(crate) fn new(
         machine: &Machine,
         positions: &Bound<'py, PyAny>,
@@ -190,7 +191,8 @@ pub(crate) fn named(key: &Bound<'_, PyAny>, argument: &str) -> Result<AxisName, 
 pub(crate) enum Column<'a> {
     Number(f64),
     Values(ArrayView1<'a, f64>),
-    /// Nodes of a grid: each node is repeated for `repeated` consecutive positions; after the last node the first one follows.
+    /// Nodes of a grid. Each node is repeated for `repeated` consecutive positions. After the last node the sequence
+    /// starts again.
     Nodes {
         nodes: &'a [f64],
         repeated: usize,
