@@ -80,7 +80,7 @@ fn boxed(curve: Option<Curve>) -> *mut Curve {
     curve.map_or(null_mut(), |curve| Box::into_raw(Box::new(curve)))
 }
 
-/// Builds a monotone cubic table from `count` pairs of argument and value; null when refused.
+/// Builds a monotone cubic table from `count` pairs of argument and value. Returns null if the pairs are invalid.
 ///
 /// # Safety
 /// `pairs` points to `2 * count` numbers.
@@ -91,7 +91,8 @@ pub unsafe extern "C" fn volcomp_curve_cubic(pairs: *const f64, count: usize) ->
     boxed(Table::cubic(nodes).ok().map(Curve::Table))
 }
 
-/// Builds a moving least-squares curve from `count` pairs; null when refused.
+/// Builds a moving least-squares curve from `count` pairs of argument and value. Returns null if the pairs or
+/// parameters are invalid.
 ///
 /// # Safety
 /// `pairs` points to `2 * count` numbers.
@@ -109,7 +110,8 @@ pub unsafe extern "C" fn volcomp_curve_mls(
     boxed(curve.ok().map(Curve::MovingLeastSquares))
 }
 
-/// Builds a polynomial from `count` coefficients, constant first; null when refused.
+/// Builds a polynomial from `count` coefficients, constant first. Returns null if the coefficients or the range from
+/// `lower` to `upper` are invalid.
 ///
 /// # Safety
 /// `coefficients` points to `count` numbers.
@@ -129,20 +131,20 @@ pub unsafe extern "C" fn volcomp_curve_polynomial(
     )
 }
 
-/// The value of a curve.
+/// Value of a curve at `x`.
 ///
 /// # Safety
-/// `curve` came from one of the functions above and is not null.
+/// `curve` was returned by a function `volcomp_curve_…` that builds a curve, and is not null.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn volcomp_curve_value(curve: *const Curve, x: f64) -> f64 {
     // SAFETY: promised by the caller.
     unsafe { &*curve }.value(x)
 }
 
-/// The derivative of a curve.
+/// Derivative of a curve at `x`.
 ///
 /// # Safety
-/// `curve` came from one of the functions above and is not null.
+/// `curve` was returned by a function `volcomp_curve_…` that builds a curve, and is not null.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn volcomp_curve_derivative(curve: *const Curve, x: f64) -> f64 {
     // SAFETY: promised by the caller.
@@ -156,9 +158,9 @@ unsafe fn nodes(pairs: *const f64, count: usize) -> Vec<[f64; 2]> {
     unsafe { slice::from_raw_parts(pairs.cast::<[f64; 2]>(), count) }.to_vec()
 }
 
-/// Error (mm) and correction (mm, rad) of a five-axis machine whose X axis has the six error motions
-/// `um_urad`, at the coordinates `q` (mm, rad) of X, Y, Z, B and C; the correction is in the same order. Returns 0, or −1 if
-/// the structure is refused.
+/// Error (mm) and correction (mm, rad) of a five-axis machine whose X axis has the six error motions `um_urad`, at the
+/// coordinates `q` (mm, rad) of X, Y, Z, B and C; the correction is in the same order. Returns 0, or −1 if the
+/// structure is refused.
 ///
 /// # Safety
 /// `q` points to 5 numbers, `um_urad` to 6, `error_mm` to 3 writable ones, `delta` to 5.

@@ -96,7 +96,7 @@ pub fn blocks(page: &Path) -> Vec<Block> {
     blocks
 }
 
-/// The line, or the content of the file that it includes.
+/// Returns the line or, if it includes a file, the content of the file.
 fn included(line: &str, page: &Path, place: &str) -> String {
     let named = line.trim().strip_prefix("{{#include ");
     let Some(named) = named.and_then(|rest| rest.strip_suffix("}}")) else {
@@ -107,8 +107,7 @@ fn included(line: &str, page: &Path, place: &str) -> String {
     text.trim_end().to_owned()
 }
 
-/// Keys listed on the page: from every table whose first column is headed `key`, the texts in back quotes in that
-/// column.
+/// Keys that a page documents: the texts in back quotes in the first column of every table whose first head is `key`.
 pub fn documented_keys(page: &Path) -> BTreeSet<String> {
     first_column(page, "key")
 }
@@ -134,8 +133,8 @@ pub fn first_column(page: &Path, head: &str) -> BTreeSet<String> {
     keys
 }
 
-/// Every key that a decoder expects in any table of a text. An unknown key is inserted into each table in turn, and the error message lists the
-/// known ones. Tables in `free` have user-defined keys.
+/// Every key that a decoder expects in any table of a text. An unknown key is inserted into each table in turn, and the
+/// error message lists the known ones. Tables in `free` have user-defined keys.
 pub fn decoded_keys(
     block: &Block,
     free: &[&str],
@@ -240,8 +239,8 @@ pub fn joined(whole: &str, part: &str) -> String {
     table.to_string()
 }
 
-/// Runs the console blocks of every page with the given programs; pages in `elsewhere` are covered by other tests. Each page has a separate working
-/// directory with links to the repository's folders.
+/// Runs the console blocks of every page with the given programs; pages in `elsewhere` are covered by other tests. Each
+/// page has a separate working directory with links to the repository's folders.
 pub fn run_console_blocks(programs: &[(&str, &str)], elsewhere: &[&str]) {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let mut copies = Vec::new();
@@ -251,7 +250,7 @@ pub fn run_console_blocks(programs: &[(&str, &str)], elsewhere: &[&str]) {
         }
         let name = page.strip_prefix(root()).expect("a page of the repository");
         let own = folder.path().join(name.display().to_string().replace('/', "-"));
-        // Commands of `page.md` run in `page.in`.
+        // trycmd runs the commands of `page.md` in the folder `page.in`.
         let place = own.join("page.in");
         fs::create_dir_all(&place).expect("a folder for the page");
         for part in ["examples", "fitting", "cli", "drivers", "docs"] {

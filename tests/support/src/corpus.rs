@@ -17,7 +17,8 @@ pub fn files(target: &str) -> Vec<(String, Vec<u8>)> {
     entries.map(read).collect()
 }
 
-/// Reads the inputs of a fuzz target, given name and content: a file named `valid-…` must be read, a file named `broken-…` rejected.
+/// Reads the inputs of a fuzz target, given name and content: a file named `valid-…` must be read, a file named
+/// `broken-…` rejected.
 pub fn replay<T: Debug, E: Debug>(target: &str, mut read: impl FnMut(&str, &[u8]) -> Result<T, E>) {
     let mut seen = [0; 2];
     for (name, bytes) in files(target) {

@@ -39,8 +39,8 @@ pub fn root() -> PathBuf {
     root.canonicalize().expect("the repository is there")
 }
 
-/// Parses a table of test cases, one row per line, with cells between bars. In a cell `\n` and `\r` denote line ends, and surrounding blanks are
-/// ignored.
+/// Parses a table of test cases, one row per line, with cells between bars. In a cell `\n` and `\r` denote line ends,
+/// and surrounding blanks are ignored.
 pub fn cases<const CELLS: usize>(table: &str) -> Vec<[String; CELLS]> {
     let cell = |cell: &str| cell.trim().replace("\\n", "\n").replace("\\r", "\r");
     let rows = table.lines().filter(|row| !row.is_empty());

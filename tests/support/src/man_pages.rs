@@ -5,8 +5,8 @@ use std::fs;
 use clap::Command;
 use clap_mangen::Man;
 
-/// One page for the program and one for each command in its help. `end` is appended only to the program's page, in roff: information that is not in
-/// help texts, such as files and signals.
+/// Generates one page for the program and one for each command in its help. `end` is appended only to the program's
+/// page, in roff. It contains what help texts do not, such as files and signals.
 fn pages(command: Command, section: &str, end: &str) -> Vec<(String, String)> {
     // The pages of the commands replace `help COMMAND`.
     let mut command = command.disable_help_subcommand(true);
@@ -25,7 +25,7 @@ fn pages(command: Command, section: &str, end: &str) -> Vec<(String, String)> {
     pages
 }
 
-/// A command, and those below it that its help lists.
+/// A command and its subcommands of all levels, without hidden ones.
 fn listed(command: &Command) -> Vec<&Command> {
     let below = command.get_subcommands().filter(|c| !c.is_hide_set());
     std::iter::once(command).chain(below.flat_map(listed)).collect()

@@ -81,7 +81,7 @@ fn find<'a>(program: &'a Command, names: &[String]) -> Option<&'a Command> {
     })
 }
 
-/// The usage and the table; only a table of the named `options` if there are any.
+/// The usage and the table of arguments and options. If `options` is not empty, only a table of these options.
 fn table(command: &Command, options: &[String], shared: &[String]) -> String {
     let arguments = command.get_arguments().filter(|a| {
         let is_built_in = ["help", "version"].contains(&a.get_id().as_str());

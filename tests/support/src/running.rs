@@ -19,8 +19,8 @@ impl Running {
         }
     }
 
-    /// Starts a program and waits for its first line on standard output. Returns the program, that line without its end, and the rest of the
-    /// output.
+    /// Starts a program and waits for its first line on standard output. Returns the program, that line without its
+    /// end, and the rest of the output.
     pub fn start_and_hear(command: &mut Command) -> (Self, String, BufReader<ChildStdout>) {
         let mut running = Self::start(command.stdout(Stdio::piped()));
         let stdout = running.0.stdout.take().expect("piped just above");
