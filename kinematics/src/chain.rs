@@ -309,7 +309,8 @@ fn unit(what: &'static str, found: [f64; 3]) -> Result<Vector3<f64>, ChainError>
 }
 
 impl State {
-    /// A state from one coordinate (mm or rad) for each axis of the chain, in any order. The approach is unknown.
+    /// Creates a state from one coordinate (mm or rad) for each axis of the chain, in any order. The approach of every
+    /// axis is unknown (`None`).
     ///
     /// # Errors
     /// See [`Chain::by_axis`].
@@ -368,7 +369,8 @@ pub trait ErrorSource {
         ErrorMotion::ZERO
     }
 
-    /// The assembly errors of an axis: offsets (mm), and angles (rad) about the MCS origin.
+    /// Errors of the assembly between an axis and the axis or bed that carries it: offsets (mm), and angles (rad) about
+    /// the MCS origin.
     fn assembly(&self, _axis: usize) -> ErrorMotion {
         ErrorMotion::ZERO
     }

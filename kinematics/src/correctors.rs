@@ -86,7 +86,7 @@ impl Correctors {
         self.rotary.retain(|place| keeps(*place));
     }
 
-    /// Whether the axis at this chain index corrects.
+    /// Whether corrections move the axis at this chain index.
     pub fn contains(&self, axis: usize) -> bool {
         self.linear.contains(&axis) || self.rotary.contains(&axis)
     }

@@ -81,8 +81,8 @@ impl RotaryGram {
         usize::from(squares[0] >= least) + usize::from(squares[1] >= least)
     }
 
-    /// Whether a direction of the tool axis is not wholly corrected: the smaller singular value is below
-    /// [`SINGULAR_BELOW`] or NaN.
+    /// True if at least one direction of the tool axis is corrected only in part or not at all: the smaller singular
+    /// value is below [`SINGULAR_BELOW`] or NaN.
     #[inline(always)]
     pub fn is_singular(&self) -> bool {
         let (_, _, [_, smaller]) = self.eigenvalues();

@@ -109,7 +109,7 @@ impl WithSimd for Batch<'_> {
 const NODE: usize = 6;
 /// Number of values that are computed in the cache before they are copied to the result.
 const COPIED_AT_ONCE: usize = 2048;
-/// Numbers processed together: four nodes fill whole registers of every width.
+/// Number of values that are processed together. Four nodes fill whole registers of every width.
 const BLOCK: usize = 4 * NODE;
 
 /// The error over a tensor grid of up to three linear axes, with the other axes held. To first order the error is a sum
@@ -274,8 +274,8 @@ impl WithSimd for Rows<'_> {
     type Output = ();
 
     /// Scalar code, compiled once for each instruction set. Rows are computed in a buffer that stays in the cache, then
-    /// copied in large blocks. A large copy does not read its target first, which halves the memory traffic of single
-    /// stores.
+    /// copied in large blocks. A large copy does not read its target first, so it causes half the memory traffic of
+    /// single stores.
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let grid = self.grid;

@@ -94,7 +94,7 @@ pub(crate) const USUAL: Driver = Driver {
 pub struct Rules<'a> {
     /// Key of the controller's table, for messages.
     pub at: &'a str,
-    /// Maximum hold time of a path that carries only thermal terms.
+    /// Maximum hold time of a controller that receives only thermal terms.
     pub longest_hold: Duration,
     /// Whether any controller of the configuration has a barrier.
     pub has_barrier: bool,

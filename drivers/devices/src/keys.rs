@@ -306,7 +306,7 @@ fn word() -> u16 {
     2
 }
 
-/// `false` if the reference bits are not read; or the PMC byte with the reference bits of the axes.
+/// Value of the key `referenced`: the PMC byte with the reference bits of the axes, or `false` if no bits are read.
 #[cfg(feature = "focas")]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(untagged)]

@@ -303,8 +303,8 @@ pub(crate) fn validate_server(table: &SinumerikTable, at: &str, found: &mut Mist
     }
 }
 
-/// Reports an error if a path through SD43900 carries more than thermal terms, or if its hold time is missing or too
-/// short.
+/// Reports an error if a controller that corrects through SD43900 receives more than thermal terms, or if its hold time
+/// is missing or too short.
 fn thermal_path(own: &ControllerConfig, rules: &Rules<'_>, found: &mut Mistakes<'_>) {
     let at = rules.at;
     let period_ms = own.sinumerik.clone().unwrap_or_default().period_ms;

@@ -262,8 +262,8 @@ impl<C: Controller + ?Sized> Controller for Box<C> {
     }
 }
 
-/// Stands in for a program in a real control, such as a barrier in the ladder, and determines the corrections of the
-/// simulated axes. Values are whole counts of each axis, in channel order.
+/// Program of a simulated control, such as a barrier. It determines the corrections of the axes, as a ladder program
+/// does in a real control. Values are whole counts of each axis, in channel order.
 pub trait ControlProgram: Send {
     /// Runs one scan and returns the report to publish. `mailboxes` has the words of each mailbox, copied before this
     /// call. `holds` is true during emergency stop or alarm, or while an axis is not referenced.

@@ -661,8 +661,8 @@ fn decimal_comma(value: &str) -> Option<(&str, &str)> {
     (digits(size) && digits(part)).then_some((whole, part))
 }
 
-/// For a number with a decimal comma in an inline table: its key, and the digits before and after the comma. A comma in
-/// an inline table must be followed by a key.
+/// Finds a number with a decimal comma in an inline table. Returns its key, and the digits before and after the comma.
+/// After a comma in an inline table, TOML requires another key.
 fn decimal_comma_inside(value: &str) -> Option<(&str, &str, &str)> {
     let inside = value.strip_prefix('{')?;
     let mut parts = inside.split(',').peekable();
@@ -682,8 +682,8 @@ fn decimal_comma_inside(value: &str) -> Option<(&str, &str, &str)> {
     None
 }
 
-/// Digits before and after a comma just before this offset. In an array, a number with a decimal comma would be two
-/// values.
+/// Digits before and after the comma that ends at the byte offset `at`; `None` if there are no such digits. In an
+/// array, such a number would be parsed as two values.
 fn decimal_comma_at(text: &str, at: usize) -> Option<(&str, &str)> {
     let before = text.get(..at)?.strip_suffix(',')?;
     let whole = before.rsplit(|c: char| !c.is_ascii_digit() && c != '-' && c != '+').next()?;
