@@ -32,7 +32,7 @@ pub enum ChainError {
         /// The rejected value, µm or µrad.
         found: f64,
     },
-    /// A location error without effect.
+    /// A location error that changes no pose, such as an offset along a rotary axis.
     #[error("{error} {reason}")]
     NoEffect { error: ErrorName, reason: NoEffect },
 }

@@ -61,7 +61,7 @@ pub enum StructureError {
     /// An axis appears twice in the code.
     #[error("axis {axis} appears twice in the structure, expected each letter once")]
     RepeatedAxis {
-        /// The repeated axis.
+        /// First axis that appears a second time.
         axis: AxisName,
     },
     /// A prime on an axis right of `b`.

@@ -273,7 +273,7 @@ impl Piece {
         };
         let (mut low, mut high, mut is_valid) = (f64::INFINITY, f64::NEG_INFINITY, true);
         for (pose, coordinate) in self.poses.chunks_exact_mut(self.stride).zip(coordinates) {
-            // False for NaN, too.
+            // The comparison is also false for NaN.
             is_valid &= coordinate.abs() <= MAX_COORDINATE;
             let value = coordinate * factor;
             low = if value < low { value } else { low };

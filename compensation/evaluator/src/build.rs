@@ -161,7 +161,7 @@ fn tables(
 ) -> Result<Vec<Vec<Piece>>, EvaluatorError> {
     let branches: &[Option<Direction>] = match parts.branches {
         Branches::One => &[None],
-        // In the order of `branch_index`.
+        // The branches must be in the order of `branch_index`.
         Branches::Three => &[Some(Direction::Positive), Some(Direction::Negative), None],
     };
     let joint = &frame.chain.joints()[index];

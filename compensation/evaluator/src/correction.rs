@@ -161,8 +161,9 @@ pub struct CorrectionParts {
     pub position: PerAxis<f64>,
     /// Rotary shares that correct the tool direction, rad in chain order, zero for all other axes.
     pub rotary: PerAxis<f64>,
-    /// For each rotary axis, whether it corrects or not, the motion of the linear axes that keeps the tip in place: row
-    /// r of −L⁻¹·P, mm per rad of the rotary axis at index r, in chain order. The rows of linear axes are zero.
+    /// Motion of the linear axes that keeps the tip in place while a rotary axis moves: row r of −L⁻¹·P, mm per rad of
+    /// the rotary axis at index r, in chain order. Rotary axes that do not correct have a row too. The rows of linear
+    /// axes are zero.
     pub follow: PerAxis<PerAxis<f64>>,
     /// See [`FirstOrder::tool_axis_partial`].
     pub tool_axis_partial: bool,
@@ -210,7 +211,8 @@ impl CompiledMachine {
         &self.correctors
     }
 
-    /// Sets the axes that corrections move; the others are held. By default every axis moves. Included in blobs.
+    /// Sets the axes that corrections move; the others are held. By default every axis moves. Blobs include this
+    /// setting.
     ///
     /// # Errors
     /// [`EvaluatorError::Chain`] for a name that the chain does not have.

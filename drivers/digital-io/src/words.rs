@@ -55,7 +55,7 @@ pub struct CorrectionWord {
     pub step: Displacement,
 }
 
-/// An encoded correction.
+/// Word that encodes a correction, and the correction that it represents.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Correction {
@@ -66,7 +66,7 @@ pub struct Correction {
     pub saturated: bool,
 }
 
-/// A decoded position.
+/// Interval of positions that a word represents.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Coded {

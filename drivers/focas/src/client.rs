@@ -251,9 +251,9 @@ impl Client {
         }))
     }
 
-    /// Reads from which PMC words the control takes the machine zero point shift of its axes: parameters 1203#0
-    /// and 1280. Their meaning is from memory of the manuals, and unverified. If the control rejects the request or a
-    /// value is not a whole number, the result is [`ShiftSource::Unreported`].
+    /// Determines the PMC words from which the control takes the machine zero point shift of its axes, from parameters
+    /// 1203#0 and 1280. Their meaning is from memory of the manuals, and unverified. If the control rejects the request
+    /// or a value is not a whole number, the result is [`ShiftSource::Unreported`].
     ///
     /// # Errors
     /// The session failed, or the control is busy: see [`FocasError`].

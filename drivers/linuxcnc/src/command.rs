@@ -16,7 +16,7 @@ pub const COMMAND_BYTES: usize = HEADER_BYTES + 2 * MOST_WORDS + MAC;
 /// the sender.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Command {
-    /// Machine number.
+    /// Number of the machine, as set in the bridge.
     pub machine: u16,
     /// Run and sequence number of the state that the command answers; zeros before the first state. The bridge rejects
     /// a frame unless it answers a state of the last second. With zeros, a command can only request states.

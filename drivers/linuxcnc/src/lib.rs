@@ -21,5 +21,5 @@ pub use state::{AxisState, Flag, Flags, STATE_BYTES, State};
 /// Default UDP port of a bridge.
 pub const PORT: u16 = 47_001;
 
-/// Protocol version.
+/// Version of the datagram protocol. Datagrams of another version are rejected.
 pub const VERSION: u8 = 2;

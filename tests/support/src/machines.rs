@@ -1,4 +1,4 @@
-//! Small machine files.
+//! Machine files for tests, as TOML texts.
 
 /// A five-axis machine file with every kind of error curve.
 pub const EVERY_CURVE: &str = include_str!("../data/every-curve.toml");

@@ -11,7 +11,6 @@ use std::{
 pub struct Running(Child);
 
 impl Running {
-    /// Starts a program.
     pub fn start(command: &mut Command) -> Self {
         match command.spawn() {
             Ok(child) => Self(child),

@@ -1,4 +1,4 @@
-//! Machine structures.
+//! Machine structures for tests.
 
 use volcomp_kinematics::Structure;
 use volcomp_vocabulary::AxisName;

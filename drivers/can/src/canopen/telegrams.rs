@@ -136,7 +136,7 @@ fn sdo_answer(data: [u8; 8]) -> Option<SdoAnswer> {
     })
 }
 
-/// Network management commands.
+/// Network management (NMT) commands of CiA 301, which change the state of nodes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -147,7 +147,7 @@ pub enum NmtCommand {
     Stop = 2,
     /// The node waits to be started.
     PreOperational = 128,
-    /// The node resets.
+    /// The node restarts, including its application.
     Reset = 129,
 }
 

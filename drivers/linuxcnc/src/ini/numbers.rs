@@ -151,7 +151,7 @@ impl Ini {
             problems.push(Problem::Slow {
                 axis,
                 found,
-                // Rounded up to the shown digits, so that the shown value is sufficient.
+                // The minimum is rounded up to the digits shown in the message, so that the shown value is sufficient.
                 expected: (rate * 1e-3 / velocity * 1e4 - 1e-6).ceil() / 1e4,
                 velocity,
                 key,
