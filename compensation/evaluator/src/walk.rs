@@ -153,7 +153,7 @@ impl CompiledMachine {
         q_mm: [f64; 3],
         registers: impl Registers,
     ) -> Evaluation {
-        // Not a closure, because a closure that is not inlined would not be compiled for wide registers.
+        // The terms are written out, because a closure that is not inlined would not be compiled for wide registers.
         let heads = [
             &axes[0].heads[branch_index(approach[0])],
             &axes[1].heads[branch_index(approach[1])],
