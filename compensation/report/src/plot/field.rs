@@ -234,10 +234,11 @@ pub fn quiver(quiver: &Quiver) -> String {
         let sizes = format!(" data-v=\"{}\"", sizes.collect::<Vec<_>>().join(" "));
         put(&mut svg, &format!("vector {class}"), &sizes, &lines, scale_px);
         // A dot at the start of each arrow.
-        let dots: String = (lines.iter())
-            .map(|[from, _]| projected(*from, VIEW, scale_px).map(finite))
-            .map(|[x, y]| format!("M{x} {y}h0"))
-            .collect();
+        let dots = lines.iter().map(|[from, _]| {
+            let [x, y] = projected(*from, VIEW, scale_px).map(finite);
+            format!("M{x} {y}h0")
+        });
+        let dots = dots.collect::<Vec<_>>().concat();
         svg.put(format_args!("<path class=\"root {class}\" d=\"{dots}\"/>"));
     }
     for (axis, name) in ["X", "Y", "Z"].into_iter().enumerate() {
